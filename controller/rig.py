@@ -1,0 +1,152 @@
+"""A rig: the servos, sensors and limits of one robot, as its `rig.toml` states them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from controller.products import Product
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Describe one servo joint.
+
+    Args:
+        name: joint name, also the terminal of its angle and the name of its output
+        mjcf_joint: name of the hinge in the body's MJCF
+        id: servo id on the bus
+        product: the servo
+        sign: +1 or -1, rig angle against encoder direction
+        zero_tick: encoder ticks at angle 0
+        low_rad: lower limit of the angle [rad]
+        high_rad: upper limit of the angle [rad]
+        neutral_rad: angle at rest, where homing goes [rad]
+        p_gain: position P gain register value that the loop writes and reads back
+        i_gain: position I gain register value
+        d_gain: position D gain register value
+        pwm_limit: torque ceiling as the servo's own PWM limit register value
+    """
+
+    name: str
+    mjcf_joint: str
+    id: int
+    product: Product
+    sign: int
+    zero_tick: int
+    low_rad: float
+    high_rad: float
+    neutral_rad: float
+    p_gain: int
+    i_gain: int
+    d_gain: int
+    pwm_limit: int
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Describe one channel of the sensor node.
+
+    Args:
+        name: channel name; "x", "y", "z", "heading", "roll", "pitch" are the base pose, "force" the base contact force
+        message: letter of the line that carries it, as ``F`` in ``$F,<seq>,<t_us>,<raw…>*HH``
+        field: position among the raw integers of that line, from 0
+        unit: "N", "m" or "rad"
+        scale: SI per count
+        zero: counts at 0 SI
+        rate_hz: how often the node sends that line
+        age_s_max: oldest value that counts as fresh [s]
+        terminal: the terminal that reads it directly (as "s0"), or None
+    """
+
+    name: str
+    message: str
+    field: int
+    unit: str
+    scale: float
+    zero: int
+    rate_hz: float
+    age_s_max: float
+    terminal: str | None
+
+
+@dataclass(frozen=True)
+class Bus:
+    """Describe the servo bus.
+
+    Args:
+        protocol: wire protocol
+        baud: bits per second
+        return_delay_us: status return delay of every servo, as its EEPROM must hold [us]
+    """
+
+    protocol: Literal["dynamixel-2.0"]
+    baud: int
+    return_delay_us: int
+
+
+@dataclass(frozen=True)
+class Safety:
+    """Hold the limits and policies of the host loop and the firmware.
+
+    Args:
+        stop: what a servo does at the end: "off" (torque off) or "hold" (torque on at the last goal)
+        homing_rad_s: speed of homing [rad/s]
+        tracking_rad_max: largest |goal - angle| [rad] …
+        tracking_s_max: … that may last so long [s]
+        missed_cycles_max: replies of one servo that may be missing in a row
+        temperature_c_max: stop above this [degrees Celsius]
+        voltage_low_v: stop below this supply voltage [V]
+        tilt_rad_max: stop when the base tilts more than this [rad]; 0: never
+        overrun_cycles_max: periods in a row that may overrun
+        watchdog_s: bus watchdog of the servos [s]
+    """
+
+    stop: Literal["off", "hold"]
+    homing_rad_s: float
+    tracking_rad_max: float
+    tracking_s_max: float
+    missed_cycles_max: int
+    temperature_c_max: float
+    voltage_low_v: float
+    tilt_rad_max: float
+    overrun_cycles_max: int
+    watchdog_s: float
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Describe one robot, everything in SI but the register values and ticks that say so.
+
+    The raw channels of a rig, as the control cycle reads them, are in this order: position counts of each joint,
+    velocity counts of each joint, load counts of each joint, sensors.
+
+    Args:
+        name: as `rig list` prints it
+        path: the file it came from
+        body: the MJCF beside it
+        period_s: control period [s]
+        supply_v: supply voltage of the servos [V]
+        bus: the servo bus
+        safety: limits and policies
+        joints: in bus order, (njoint,)
+        sensors: in raw-channel order, (nsensor,)
+        text: the file's own text, to be embedded in logs
+    """
+
+    name: str
+    path: Path
+    body: Path
+    period_s: float
+    supply_v: float
+    bus: Bus
+    safety: Safety
+    joints: tuple[Joint, ...]
+    sensors: tuple[Sensor, ...]
+    text: str
+
+    @property
+    def nraw(self) -> int:
+        """Return the number of raw channels."""
+        return 3 * len(self.joints) + len(self.sensors)
