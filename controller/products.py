@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 
 @dataclass(frozen=True)
@@ -48,3 +51,64 @@ class Product:
     friction_loss_nm: float
     damping_nms_rad: float
     source: str
+
+
+def _rad_s(rev_min: float) -> float:
+    return rev_min * 2.0 * math.pi / 60.0
+
+
+_E_MANUAL = "ROBOTIS e-Manual: _data/dxl_x_info.yml@0028038 (specifications at 5 V), docs/en/dxl/x/"
+_X330_LAW = (
+    "; P / 128 from _includes/en/dxl/control_table_position_pid_gain.md@01a2df1, D / 16 a control tick from the same page"
+    " with the tick taken as 1 ms (not published); velocity unit from the SDK's .model file (0.229 rev/min is its rounding)"
+    "; armature, friction and damping are estimates until identified on hardware"
+)
+
+PRODUCTS: Mapping[str, Product] = MappingProxyType(
+    {
+        product.name: product
+        for product in (
+            Product(
+                name="xc330-m181",
+                model_number=1230,
+                family="dynamixel-x330",
+                voltage_v=5.0,
+                stall_torque_nm=0.60,
+                no_load_speed_rad_s=_rad_s(129.0),
+                stall_current_a=1.80,
+                mass_kg=0.023,
+                ticks_per_turn=4096,
+                center_tick=2048,
+                velocity_unit_rad_s=0.0239691227,
+                duty_full=885,
+                p_divisor=128.0,
+                d_divisor=16000.0,
+                armature_kg_m2=0.0005,
+                friction_loss_nm=0.015,
+                damping_nms_rad=0.002,
+                source=_E_MANUAL + "xc330-m181.md@01ba971" + _X330_LAW,
+            ),
+            Product(
+                name="xl330-m288",
+                model_number=1200,
+                family="dynamixel-x330",
+                voltage_v=5.0,
+                stall_torque_nm=0.52,
+                no_load_speed_rad_s=_rad_s(103.0),
+                stall_current_a=1.47,
+                mass_kg=0.018,
+                ticks_per_turn=4096,
+                center_tick=2048,
+                velocity_unit_rad_s=0.0239691227,
+                duty_full=885,
+                p_divisor=128.0,
+                d_divisor=16000.0,
+                armature_kg_m2=0.0005,
+                friction_loss_nm=0.015,
+                damping_nms_rad=0.002,
+                source=_E_MANUAL + "xl330-m288.md@028a13d" + _X330_LAW,
+            ),
+        )
+    }
+)
+"""The servos that rigs can name."""
