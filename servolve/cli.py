@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 
-from cyclopts import App
+from cyclopts import App, CycloptsError
 
 from controller.errors import InputError, RunError
 
@@ -13,8 +14,13 @@ app = App(
     name="servolve",
     help="Evolve controllers for small servo robots in MuJoCo, and run the same bits on a bench.",
     version_flags=["--version"],
+    result_action="return_value",
+    exit_on_error=False,
+    print_error=False,
+    suppress_keyboard_interrupt=False,
 )
 
+# module:function of each command, imported when it is asked for
 for _name, _target in {
     "demo": "servolve.demo:demo",
     "evolve": "servolve.evolve:evolve",
@@ -30,18 +36,60 @@ for _name, _target in {
 }.items():
     app.command(_target, name=_name)
 
+# what a package that is not installed is part of
+_EXTRAS = {"mujoco": "sim", "PIL": "sim", "imageio": "report", "jinja2": "report", "matplotlib": "report"}
+
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command; exit status 0: done, 1: it ran and failed, 2: the input was wrong."""
+    """Run a command.
+
+    Args:
+        arguments: what follows the program's name; None: those of this process
+
+    Returns:
+        exit status; 0: done, 1: it ran and failed, 2: the input was wrong
+    """
     try:
-        status = app(arguments, exit_on_error=False, print_error=True)
+        status = app(arguments)
+    except CycloptsError as error:
+        return _fail(2, _usage_sentence(error))
     except InputError as error:
-        print(f"servolve: {error}", file=sys.stderr)
-        return 2
+        return _fail(2, str(error))
     except RunError as error:
-        print(f"servolve: {error}", file=sys.stderr)
-        return 1
+        return _fail(1, str(error))
+    except KeyboardInterrupt:
+        return _fail(1, "interrupted from the keyboard; what was complete by then is on the disk")
+    except ImportError as error:
+        missing = _missing_package(error)
+        if missing is None:
+            raise
+        return _fail(2, f"this command needs {missing}; install it with: pip install 'servolve[{_EXTRAS[missing]}]'")
     except BrokenPipeError:
-        os.close(sys.stdout.fileno())
+        # the reader of a pipe has gone; keep the interpreter from flushing into it at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     return status if isinstance(status, int) else 0
+
+
+def _fail(status: int, sentence: str) -> int:
+    print(f"servolve: {' '.join(sentence.split())}", file=sys.stderr)
+    return status
+
+
+def _missing_package(error: BaseException | None) -> str | None:
+    """Name the optional package whose absence is behind an import error, or None."""
+    while error is not None:
+        package = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+        if package in _EXTRAS:
+            return package
+        error = error.__cause__
+    return None
+
+
+def _usage_sentence(error: CycloptsError) -> str:
+    """Say in one sentence what is wrong with the arguments, and where the right ones are listed."""
+    error.verbose = False
+    told = str(error).strip().rstrip(".?")
+    told = re.sub(r"[.?] (?=[A-Z])", "; ", told)
+    command = " ".join(("servolve", *(error.command_chain or ())))
+    return f"{told}; `{command} --help` lists what it takes"
