@@ -55,7 +55,8 @@ class Sensor:
         unit: "N", "m" or "rad"
         scale: SI per count
         zero: counts at 0 SI
-        rate_hz: how often the node sends that line
+        rate_hz: how often the node sends that line; it samples at multiples of 1 / rate_hz from t = 0
+        latency_s: time from the sample to the last byte of its line [s]
         age_s_max: oldest value that counts as fresh [s]
         terminal: the terminal that reads it directly (as "s0"), or None
     """
@@ -67,6 +68,7 @@ class Sensor:
     scale: float
     zero: int
     rate_hz: float
+    latency_s: float
     age_s_max: float
     terminal: str | None
 
