@@ -59,9 +59,9 @@ def _rad_s(rev_min: float) -> float:
 
 _E_MANUAL = "ROBOTIS e-Manual: _data/dxl_x_info.yml@0028038 (specifications at 5 V), docs/en/dxl/x/"
 _X330_LAW = (
-    "; P / 128 and D / 16 a control tick from _includes/en/dxl/control_table_position_pid_gain.md@01a2df1, the tick taken"
-    " as 1 ms (not published); velocity unit from the SDK's .model file (the manual's 0.229 rev/min is its rounding);"
-    " armature, friction and damping are estimates until identified on hardware"
+    "; P / 128 and D / 16 a control tick from _includes/en/dxl/control_table_position_pid_gain.md@01a2df1, the"
+    " tick taken as 1 ms (not published); velocity unit from the SDK's .model file (the manual's 0.229 rev/min is"
+    " its rounding); armature, friction and damping are estimates until identified on hardware"
 )
 
 PRODUCTS: Mapping[str, Product] = MappingProxyType(
