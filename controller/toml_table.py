@@ -238,15 +238,19 @@ def read_toml(path: Path, kind: str) -> Table:
     """
     try:
         if path.is_dir():
-            raise InputError(f"{path}: is a folder; name the {kind} itself")
-        if path.stat().st_size > BYTES_MAX:
-            raise InputError(f"{path}: is larger than {BYTES_MAX} bytes; that can not be a {kind}, name another file")
-        data = path.read_bytes()
+            data = None
+        else:
+            with path.open("rb") as file:
+                data = file.read(BYTES_MAX + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; name an existing {kind}") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"{path}: can not be read ({reason}); name a readable {kind}") from None
+    if data is None:
+        raise InputError(f"{path}: is a folder; name the {kind} itself")
+    if len(data) > BYTES_MAX:
+        raise InputError(f"{path}: is larger than {BYTES_MAX} bytes; that can not be a {kind}, name another file")
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
