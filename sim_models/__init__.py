@@ -1,1 +1,1 @@
-"""TODO."""
+"""Bodies, servo physics, rollouts and films."""
