@@ -2,7 +2,7 @@
 
 The servo is a position loop around PWM: ``duty = P * error - D * rate``, limited, and the motor turns the voltage
 ``duty * supply`` into torque against its own back-EMF, ``torque = K / R * (voltage - K * rate)``. MuJoCo's motor has a
-current-mode driver that cancels the back-EMF; the ``K**2 / R`` inside `ServoParameters.kd` takes that cancellation back.
+current-mode driver that cancels the back-EMF; the ``K**2 / R`` inside `ServoParameters.kd` undoes the cancellation.
 
 The simulated body and the virtual servo both get their numbers here.
 """
