@@ -2,6 +2,7 @@
 
 from controller.canonical import program_hash
 from controller.controller import Controller, Input, Output
+from controller.controller_file import controller_text, load_controller, parse_controller, save_controller
 from controller.lowering import lower, lower_outputs
 from controller.products import PRODUCTS, Product
 from controller.program import Program
@@ -22,14 +23,18 @@ __all__ = [
     "Register",
     "Rig",
     "Source",
+    "controller_text",
     "format_source",
+    "load_controller",
     "load_rig",
     "lower",
     "lower_outputs",
     "parse",
+    "parse_controller",
     "parse_rig",
     "program_hash",
     "registers",
     "rig_names",
+    "save_controller",
     "verify",
 ]

@@ -223,12 +223,13 @@ class Table:
         return self.values[key]
 
 
-def read_toml(path: Path, kind: str) -> Table:
+def read_toml(path: Path, kind: str, *, format_required: bool = True) -> Table:
     """Read a TOML file of format 1.
 
     Args:
         path: the file
         kind: what it is meant to be, as "rig file", for the errors
+        format_required: whether `format` must be there
 
     Returns:
         its top-level table
@@ -256,16 +257,17 @@ def read_toml(path: Path, kind: str) -> Table:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(f"{path}, line {line}: is not UTF-8 text; save the {kind} as UTF-8") from None
-    return parse_toml(text, str(path), kind)
+    return parse_toml(text, str(path), kind, format_required=format_required)
 
 
-def parse_toml(text: str, origin: str, kind: str) -> Table:
+def parse_toml(text: str, origin: str, kind: str, *, format_required: bool = True) -> Table:
     """Parse the text of a TOML file of format 1.
 
     Args:
         text: the file's text
         origin: where it came from, as errors name it
         kind: what it is meant to be, as "rig file", for the errors
+        format_required: whether `format` must be there
 
     Returns:
         its top-level table
@@ -284,10 +286,12 @@ def parse_toml(text: str, origin: str, kind: str) -> Table:
                 "it may be truncated: complete its last line"
             ) from None
         raise InputError(f"{origin}, {place}: is not valid TOML ({reason}); correct that line") from None
+    except ValueError as error:
+        raise InputError(f"{origin}: holds a value out of range ({error}); correct it") from None
     except RecursionError:
         raise InputError(f"{origin}: is nested too deeply; write a flat {kind}") from None
     top = Table(origin, text, values)
-    version = values.get("format")
+    version = values.get("format", None if format_required else 1)
     if version is None:
         top.fail(None, "format is missing; add `format = 1` as the first line")
     if isinstance(version, bool) or version != 1:
