@@ -18,12 +18,12 @@ extern "C" {
 #define SV_RAW_MAX 128  // raw channels of a rig
 
 typedef enum {
-  SV_TERMINAL_TIME = 0,       // t = k * period [s]
-  SV_TERMINAL_RAW = 1,        // (raw[channel] - zero) * scale
-  SV_TERMINAL_GOAL_DIST = 2,  // the task's goal distance [m]
-  SV_TERMINAL_PX = 3,         // goal - base along the heading [m]
-  SV_TERMINAL_PY = 4,         // goal - base across the heading, to the left [m]
-  SV_TERMINAL_GOAL_MET = 5,   // 1 once |px| <= 0.015 m has held, latched, else 0
+  SV_TERMINAL_TIME = 0,          // t = k * period [s]
+  SV_TERMINAL_RAW = 1,           // (raw[channel] - zero) * scale
+  SV_TERMINAL_GOAL_DIST = 2,     // the task's goal distance [m]
+  SV_TERMINAL_PX = 3,            // goal - base along the heading [m]
+  SV_TERMINAL_PY = 4,            // goal - base across the heading, to the left [m]
+  SV_TERMINAL_GOAL_MET = 5,      // 1 once |px| <= 0.015 m has held, latched, else 0
   SV_TERMINAL_HEADING_ERROR = 6  // bearing to the goal - heading, wrapped to +-pi [rad]
 } sv_terminal_kind;
 
@@ -37,14 +37,14 @@ typedef struct {
 typedef enum { SV_OUTPUT_POSITION = 0, SV_OUTPUT_VELOCITY = 1 } sv_output_kind;
 
 typedef struct {
-  int32_t kind;      // sv_output_kind
-  float low;         // clamp, in the output's own unit
+  int32_t kind;  // sv_output_kind
+  float low;     // clamp, in the output's own unit
   float high;
-  float neutral;     // what a NaN becomes, and where a position starts, in the output's own unit
-  float unit_scale;  // SI per unit: pi / 180 for degrees, 1 for radians
-  float count_scale; // counts per SI, sign included
-  int32_t zero;      // counts at 0 SI
-  int32_t count_low; // the rig's own limits, in counts
+  float neutral;      // what a NaN becomes, and where a position starts, in the output's own unit
+  float unit_scale;   // SI per unit: pi / 180 for degrees, 1 for radians
+  float count_scale;  // counts per SI, sign included
+  int32_t zero;       // counts at 0 SI
+  int32_t count_low;  // the rig's own limits, in counts
   int32_t count_high;
 } sv_output;
 
@@ -67,9 +67,9 @@ typedef struct {
 } sv_goal;
 
 typedef struct {
-  int32_t k;           // periods since the start
-  int32_t goal_met;    // latched
-  float goal_x;        // goal in the frame of the pose, latched at k = 0 [m]
+  int32_t k;         // periods since the start
+  int32_t goal_met;  // latched
+  float goal_x;      // goal in the frame of the pose, latched at k = 0 [m]
   float goal_y;
   float held[SV_OUTPUT_MAX];  // the filter's and the slew limit's memory [SI]
 } sv_cycle_state;
@@ -80,7 +80,8 @@ int32_t sv_cycle_verify(const sv_cycle* cycle);
 // Start a run: zero the state, copy the program's constants, hold every output at its neutral.
 void sv_cycle_reset(const sv_cycle* cycle, sv_cycle_state* state, float* registers, float* program_state);
 
-// Run one period: raw (nraw) => terminals (ninput), clamped outputs in their own units (noutput), goal counts (noutput).
+// Run one period: raw (nraw) => terminals (ninput), clamped outputs in their own units (noutput), goal counts
+// (noutput).
 void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* state, float* registers,
                    float* program_state, const int32_t* raw, float* terminals, float* outputs, int32_t* goal_counts);
 

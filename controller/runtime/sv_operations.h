@@ -15,7 +15,10 @@
 
 // Hold w within 0 and 1; a NaN stays one.
 static inline float sv_clamp01(float w) {
-  return w < 0.0F ? 0.0F : (w > 1.0F ? 1.0F : w);
+  if (w < 0.0F) {
+    return 0.0F;
+  }
+  return w > 1.0F ? 1.0F : w;
 }
 
 // a + (b - a) * w, w held within 0 and 1.

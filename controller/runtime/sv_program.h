@@ -13,11 +13,11 @@
 extern "C" {
 #endif
 
-#define SV_INPUT_MAX 64         // inputs of a program
-#define SV_OUTPUT_MAX 32        // outputs of a program
-#define SV_INSTRUCTION_MAX 8192 // instructions of a program
-#define SV_CONSTANT_MAX 8192    // constants of a program
-#define SV_STATE_MAX 4096       // float32 state slots of a program
+#define SV_INPUT_MAX 64          // inputs of a program
+#define SV_OUTPUT_MAX 32         // outputs of a program
+#define SV_INSTRUCTION_MAX 8192  // instructions of a program
+#define SV_CONSTANT_MAX 8192     // constants of a program
+#define SV_STATE_MAX 4096        // float32 state slots of a program
 
 typedef enum {
   SV_OK = 0,
@@ -27,7 +27,8 @@ typedef enum {
   SV_ERROR_STATE = -4,     // a state slot is out of range or has two owners
   SV_ERROR_OUTPUT = -5,    // an output register is out of range
   SV_ERROR_CONSTANT = -6,  // a constant is not finite
-  SV_ERROR_CYCLE = -7      // a cycle configuration is inconsistent with its program
+  SV_ERROR_CYCLE = -7,     // a cycle configuration is inconsistent with its program
+  SV_ERROR_FLOAT = -8      // this thread's arithmetic is not IEEE-754 binary32 (see sv_check_float)
 } sv_error;
 
 typedef struct {
@@ -63,6 +64,13 @@ void sv_step(const sv_program* program, float dt, const float* inputs, float* re
 // Evaluate nstep steps from a reset: inputs (nstep, ninput) => outputs (nstep, noutput).
 void sv_run(const sv_program* program, float dt, int32_t nstep, const float* inputs, float* registers, float* state,
             float* outputs);
+
+// Check that this thread's arithmetic keeps subnormals, rounds to nearest even and fuses nothing; return SV_OK or
+// SV_ERROR_FLOAT. Call it once where other code may have changed the floating-point mode, and at boot.
+int32_t sv_check_float(void);
+
+// Return the checksum of the table of operations that this was built from.
+uint32_t sv_operations_fingerprint(void);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,137 @@
+"""One controller on one rig: every number of the control cycle, resolved from names, as `sv_cycle` holds them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from controller.controller import Controller, Output
+from controller.errors import InputError
+from controller.program import Program
+from controller.rig import Joint, Rig
+from controller.terminals import TerminalSpec, joint_scale, pose_channel, resolve_terminals
+
+
+@dataclass(frozen=True)
+class OutputSpec:
+    """Describe how the cycle turns one program output into goal counts: `sv_output` of `runtime/sv_cycle.h`.
+
+    Args:
+        name: the joint's name
+        kind: what is commanded
+        low: lower clamp, in the output's own unit
+        high: upper clamp, in the output's own unit
+        neutral: what a NaN becomes, in the output's own unit
+        unit_scale: SI per unit
+        count_scale: counts per SI, sign included
+        zero: counts at 0 SI
+        count_low: smallest goal count that the rig allows
+        count_high: largest goal count that the rig allows
+    """
+
+    name: str
+    kind: Literal["position", "velocity"]
+    low: float
+    high: float
+    neutral: float
+    unit_scale: float
+    count_scale: float
+    zero: int
+    count_low: int
+    count_high: int
+
+
+@dataclass(frozen=True)
+class CycleSpec:
+    """Describe the control cycle of one controller on one rig: `sv_cycle` of `runtime/sv_cycle.h`.
+
+    Every float is used rounded to binary32.
+
+    Args:
+        program: the controller's program
+        terminals: how each input is computed, (ninput,)
+        outputs: how each output becomes counts, (noutput,)
+        period_s: control period [s]
+        filter: first-order filter, 1: none
+        slew_step: largest change of an output in a period [SI], 0: no limit
+        nraw: raw channels
+        x: base pose along x [m], channel -1 where the rig has none
+        y: base pose along y [m], likewise
+        heading: base heading [rad], likewise
+    """
+
+    program: Program
+    terminals: tuple[TerminalSpec, ...]
+    outputs: tuple[OutputSpec, ...]
+    period_s: float
+    filter: float
+    slew_step: float
+    nraw: int
+    x: TerminalSpec
+    y: TerminalSpec
+    heading: TerminalSpec
+
+
+def resolve_cycle(controller: Controller, rig: Rig) -> CycleSpec:
+    """Resolve a controller's names on a rig.
+
+    Args:
+        controller: the controller
+        rig: the rig
+
+    Returns:
+        the cycle's numbers
+
+    Raises:
+        InputError: the rig lacks a terminal or a joint, or differs in period, order of joints or kind of command
+    """
+    if not math.isclose(controller.period_s, rig.period_s, rel_tol=1e-9):
+        raise InputError(
+            f"{controller.name}: period_s {controller.period_s:g} is not the {rig.period_s:g} of rig '{rig.name}'; "
+            "give both the same period"
+        )
+    names = [output.name for output in controller.outputs]
+    joints = [joint.name for joint in rig.joints]
+    if names != joints:
+        raise InputError(
+            f"{controller.name}: its outputs are {' '.join(names)}, but the joints of rig '{rig.name}' are "
+            f"{' '.join(joints)}; give one output for each joint, in the rig's order"
+        )
+    return CycleSpec(
+        program=controller.program,
+        terminals=resolve_terminals(controller, rig),
+        outputs=tuple(
+            _output(controller, output, joint, rig)
+            for output, joint in zip(controller.outputs, rig.joints, strict=True)
+        ),
+        period_s=controller.period_s,
+        filter=controller.filter,
+        slew_step=controller.slew_rad_s * controller.period_s,
+        nraw=rig.nraw,
+        x=pose_channel(rig, "x"),
+        y=pose_channel(rig, "y"),
+        heading=pose_channel(rig, "heading"),
+    )
+
+
+def _output(controller: Controller, output: Output, joint: Joint, rig: Rig) -> OutputSpec:
+    if output.kind != "position":
+        raise InputError(
+            f"{controller.name}: output '{output.name}' commands a {output.kind}, but rig '{rig.name}' runs its servos "
+            'in position mode; use kind = "position"'
+        )
+    scale = joint_scale(joint)
+    counts = sorted(joint.zero_tick + round(angle / scale) for angle in (joint.low_rad, joint.high_rad))
+    return OutputSpec(
+        name=output.name,
+        kind=output.kind,
+        low=output.low,
+        high=output.high,
+        neutral=output.neutral,
+        unit_scale=math.pi / 180.0 if output.unit == "deg" else 1.0,
+        count_scale=1.0 / scale,
+        zero=joint.zero_tick,
+        count_low=counts[0],
+        count_high=counts[1],
+    )

@@ -1,0 +1,237 @@
+#include "sv_cycle.h"
+
+#include "sv_math.h"
+
+#define SV_COUNT_MAX 1073741824  // 2^30: sums and differences of two counts stay in 32 bits
+
+static const float kGoalRadius = 0.015F;  // [m]
+static const float kPi = 3.14159274F;
+static const float kHalfPi = 1.57079637F;
+
+static int32_t sv_clamp_count(int32_t count, int32_t low, int32_t high) {
+  return count < low ? low : (count > high ? high : count);
+}
+
+// Round half to even, saturate at +-SV_COUNT_MAX; NaN => 0.
+static int32_t sv_round(float x) {
+  if (x != x) {
+    return 0;
+  }
+  if (x >= (float)SV_COUNT_MAX) {
+    return SV_COUNT_MAX;
+  }
+  if (x <= -(float)SV_COUNT_MAX) {
+    return -SV_COUNT_MAX;
+  }
+  int32_t whole = (int32_t)x;
+  const float part = x - (float)whole;
+  if (part > 0.5F || (part == 0.5F && whole % 2 != 0)) {
+    whole++;
+  } else if (part < -0.5F || (part == -0.5F && whole % 2 != 0)) {
+    whole--;
+  }
+  return whole;
+}
+
+static int32_t sv_is_finite(float x) { return x - x == 0.0F; }
+
+static int32_t sv_verify_terminal(const sv_terminal* terminal, int32_t nraw) {
+  if (terminal->kind != SV_TERMINAL_RAW) {
+    return terminal->kind >= SV_TERMINAL_TIME && terminal->kind <= SV_TERMINAL_HEADING_ERROR;
+  }
+  return terminal->channel < nraw && terminal->zero >= -SV_COUNT_MAX && terminal->zero <= SV_COUNT_MAX &&
+         sv_is_finite(terminal->scale) && terminal->scale != 0.0F;
+}
+
+static int32_t sv_verify_output(const sv_output* output) {
+  return (output->kind == SV_OUTPUT_POSITION || output->kind == SV_OUTPUT_VELOCITY) && sv_is_finite(output->low) &&
+         sv_is_finite(output->high) && output->low <= output->neutral && output->neutral <= output->high &&
+         sv_is_finite(output->unit_scale) && sv_is_finite(output->count_scale) && output->zero >= -SV_COUNT_MAX &&
+         output->zero <= SV_COUNT_MAX && output->count_low <= output->count_high;
+}
+
+int32_t sv_cycle_verify(const sv_cycle* cycle) {
+  const int32_t error = sv_verify(cycle->program);
+  if (error != SV_OK) {
+    return error;
+  }
+  if (cycle->nraw < 0 || cycle->nraw > SV_RAW_MAX || !sv_is_finite(cycle->period_s) || !(cycle->period_s > 0.0F) ||
+      !(cycle->filter > 0.0F && cycle->filter <= 1.0F) || !sv_is_finite(cycle->slew_step) ||
+      !(cycle->slew_step >= 0.0F)) {
+    return SV_ERROR_CYCLE;
+  }
+  for (int32_t i = 0; i < cycle->program->ninput; i++) {
+    const sv_terminal* terminal = cycle->terminals + i;
+    if (!sv_verify_terminal(terminal, cycle->nraw) || (terminal->kind == SV_TERMINAL_RAW && terminal->channel < 0)) {
+      return SV_ERROR_CYCLE;
+    }
+  }
+  // the pose may be missing: channel < 0
+  const sv_terminal* pose[3] = {&cycle->x, &cycle->y, &cycle->heading};
+  for (int32_t i = 0; i < 3; i++) {
+    if (pose[i]->kind != SV_TERMINAL_RAW || (pose[i]->channel >= 0 && !sv_verify_terminal(pose[i], cycle->nraw))) {
+      return SV_ERROR_CYCLE;
+    }
+  }
+  for (int32_t i = 0; i < cycle->program->noutput; i++) {
+    if (!sv_verify_output(cycle->outputs + i)) {
+      return SV_ERROR_CYCLE;
+    }
+  }
+  return SV_OK;
+}
+
+void sv_cycle_reset(const sv_cycle* cycle, sv_cycle_state* state, float* registers, float* program_state) {
+  sv_reset(cycle->program, registers, program_state);
+  state->k = 0;
+  state->goal_met = 0;
+  state->goal_x = 0.0F;
+  state->goal_y = 0.0F;
+  for (int32_t i = 0; i < SV_OUTPUT_MAX; i++) {
+    state->held[i] = 0.0F;
+  }
+  for (int32_t i = 0; i < cycle->program->noutput; i++) {
+    state->held[i] = cycle->outputs[i].neutral * cycle->outputs[i].unit_scale;
+  }
+}
+
+// raw => SI; 0 where there is no such channel
+static float sv_decode(const sv_terminal* terminal, const int32_t* raw) {
+  if (terminal->channel < 0) {
+    return 0.0F;
+  }
+  const int32_t count = sv_clamp_count(raw[terminal->channel], -SV_COUNT_MAX, SV_COUNT_MAX);
+  return (float)(count - terminal->zero) * terminal->scale;
+}
+
+int32_t sv_encode(const sv_terminal* terminal, float value) {
+  return terminal->zero + sv_round(value / terminal->scale);
+}
+
+// direction of (x, y) from the x axis, within +-pi; 0 at the origin
+static float sv_direction(float x, float y) {
+  if (x > 0.0F) {
+    return sv_atan(y / x);
+  }
+  if (x < 0.0F) {
+    const float angle = sv_atan(y / x);
+    return y < 0.0F ? angle - kPi : angle + kPi;
+  }
+  if (y > 0.0F) {
+    return kHalfPi;
+  }
+  return y < 0.0F ? -kHalfPi : 0.0F;
+}
+
+// (goal, pose) => goal seen from the base: along and across the heading [m]
+static void sv_locate_goal(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* state, const int32_t* raw,
+                           float* px, float* py) {
+  const float x = sv_decode(&cycle->x, raw);
+  const float y = sv_decode(&cycle->y, raw);
+  const float heading = sv_decode(&cycle->heading, raw);
+  float along;
+  float across;
+
+  // the goal stays where it was at the start
+  if (state->k == 0) {
+    const float bearing = heading + goal->goal_bearing;
+    along = goal->goal_dist * sv_cos(bearing);
+    across = goal->goal_dist * sv_sin(bearing);
+    state->goal_x = x + along;
+    state->goal_y = y + across;
+  }
+
+  const float c = sv_cos(heading);
+  const float s = sv_sin(heading);
+  const float dx = state->goal_x - x;
+  const float dy = state->goal_y - y;
+  along = dx * c;
+  across = dy * s;
+  *px = along + across;
+  along = dy * c;
+  across = dx * s;
+  *py = along - across;
+
+  if (*px <= kGoalRadius && *px >= -kGoalRadius) {
+    state->goal_met = 1;
+  }
+}
+
+// program output => the output's own unit, clamped; never NaN
+static float sv_clamp_output(const sv_output* output, float value) {
+  if (value != value) {
+    return output->neutral;
+  }
+  return value < output->low ? output->low : (value > output->high ? output->high : value);
+}
+
+// SI target => filtered, then limited in rate
+static float sv_follow(const sv_cycle* cycle, float held, float target) {
+  if (cycle->filter != 1.0F) {
+    const float step = target - held;
+    const float part = cycle->filter * step;
+    target = held + part;
+  }
+  if (cycle->slew_step > 0.0F) {
+    const float step = target - held;
+    if (step > cycle->slew_step) {
+      target = held + cycle->slew_step;
+    } else if (step < -cycle->slew_step) {
+      target = held - cycle->slew_step;
+    }
+  }
+  return target;
+}
+
+void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* state, float* registers,
+                   float* program_state, const int32_t* raw, float* terminals, float* outputs, int32_t* goal_counts) {
+  const sv_program* program = cycle->program;
+  float px;
+  float py;
+  sv_locate_goal(cycle, goal, state, raw, &px, &py);
+
+  // terminals
+  for (int32_t i = 0; i < program->ninput; i++) {
+    switch (cycle->terminals[i].kind) {
+      case SV_TERMINAL_TIME:
+        terminals[i] = (float)state->k * cycle->period_s;
+        break;
+      case SV_TERMINAL_RAW:
+        terminals[i] = sv_decode(cycle->terminals + i, raw);
+        break;
+      case SV_TERMINAL_GOAL_DIST:
+        terminals[i] = goal->goal_dist;
+        break;
+      case SV_TERMINAL_PX:
+        terminals[i] = px;
+        break;
+      case SV_TERMINAL_PY:
+        terminals[i] = py;
+        break;
+      case SV_TERMINAL_GOAL_MET:
+        terminals[i] = state->goal_met ? 1.0F : 0.0F;
+        break;
+      case SV_TERMINAL_HEADING_ERROR:
+        terminals[i] = sv_direction(px, py);
+        break;
+      default:
+        terminals[i] = 0.0F;
+        break;
+    }
+  }
+
+  // program
+  sv_step(program, cycle->period_s, terminals, registers, program_state, outputs);
+
+  // clamp, filter, slew, counts
+  for (int32_t i = 0; i < program->noutput; i++) {
+    const sv_output* output = cycle->outputs + i;
+    outputs[i] = sv_clamp_output(output, outputs[i]);
+    state->held[i] = sv_follow(cycle, state->held[i], outputs[i] * output->unit_scale);
+    const int32_t count = output->zero + sv_round(state->held[i] * output->count_scale);
+    goal_counts[i] = sv_clamp_count(count, output->count_low, output->count_high);
+  }
+  if (state->k < INT32_MAX) {
+    state->k++;
+  }
+}
