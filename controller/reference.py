@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from controller import float_math
+from controller.controller import Controller
+from controller.cycle import OutputSpec, resolve_cycle
 from controller.errors import InputError
 from controller.operations import BY_OPCODE
 from controller.program import Program
+from controller.rig import Rig
+from controller.terminals import TerminalKind, TerminalSpec
 from controller.verifier import verify
 
+F = np.float32
 Floats = npt.NDArray[np.float32]
+Counts = npt.NDArray[np.int32]
+
+_COUNT_MAX: Final = 1 << 30
+_GOAL_RADIUS: Final = F(0.015)
+_PI: Final = F(3.14159274)
+_HALF_PI: Final = F(1.57079637)
+_ZERO: Final = F(0)
 
 
 class ReferenceProgram:
@@ -104,3 +117,123 @@ def check_inputs(program: Program, inputs: Floats) -> Floats:
             f"the inputs have shape {rows.shape}; give (steps, {len(program.inputs)}): {' '.join(program.inputs)}"
         )
     return rows
+
+
+class ReferenceCycle:
+    """Run the control cycle of one controller on one rig: what `sv_cycle_step` must agree with, bit for bit.
+
+    Args:
+        controller: the controller
+        rig: the rig
+
+    Raises:
+        InputError: the rig can not supply a terminal, or differs in joints or period
+    """
+
+    def __init__(self, controller: Controller, rig: Rig) -> None:
+        self.spec = resolve_cycle(controller, rig)
+        self._program = ReferenceProgram(controller.program, self.spec.period_s)
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the start: outputs held at neutral, no goal yet."""
+        self._program.reset()
+        self._k = 0
+        self._goal_met = False
+        self._goal = (_ZERO, _ZERO)
+        self._held = [F(output.neutral) * F(output.unit_scale) for output in self.spec.outputs]
+
+    def step(self, goal_dist: float, goal_bearing: float, raw: Sequence[int] | Counts) -> tuple[Floats, Floats, Counts]:
+        """Run one period.
+
+        Args:
+            goal_dist: distance of the goal from the base at the start [m]
+            goal_bearing: its direction from the heading at the start [rad]
+            raw: raw channels, (nraw,)
+
+        Returns:
+            terminals (ninput,), clamped outputs in their own units (noutput,), goal counts (noutput,)
+        """
+        with np.errstate(all="ignore"):
+            px, py = self._locate_goal(F(goal_dist), F(goal_bearing), raw)
+            values: dict[TerminalKind, np.float32] = {
+                TerminalKind.TIME: F(self._k) * F(self.spec.period_s),
+                TerminalKind.GOAL_DIST: F(goal_dist),
+                TerminalKind.PX: px,
+                TerminalKind.PY: py,
+                TerminalKind.GOAL_MET: F(self._goal_met),
+                TerminalKind.HEADING_ERROR: _direction(px, py),
+            }
+            terminals = [
+                _decode(spec, raw) if spec.kind == TerminalKind.RAW else values[spec.kind]
+                for spec in self.spec.terminals
+            ]
+            raw_outputs = self._program.step(terminals)
+            outputs = [_clamp(spec, value) for spec, value in zip(self.spec.outputs, raw_outputs, strict=True)]
+            counts = [self._count(i, value) for i, value in enumerate(outputs)]
+        self._k += 1
+        return np.array(terminals, F), np.array(outputs, F), np.array(counts, np.int32)
+
+    def _locate_goal(self, dist: F, bearing: F, raw: Sequence[int] | Counts) -> tuple[F, F]:
+        """Return the goal along and across the heading."""
+        x, y, heading = (_decode(spec, raw) for spec in (self.spec.x, self.spec.y, self.spec.heading))
+        if self._k == 0:
+            direction = heading + bearing
+            self._goal = (x + dist * float_math.cos(direction), y + dist * float_math.sin(direction))
+        dx, dy = self._goal[0] - x, self._goal[1] - y
+        c, s = float_math.cos(heading), float_math.sin(heading)
+        px, py = dx * c + dy * s, dy * c - dx * s
+        self._goal_met = self._goal_met or bool(abs(px) <= _GOAL_RADIUS)
+        return px, py
+
+    def _count(self, index: int, value: F) -> int:
+        """Return the goal count of one output: converted, filtered, limited in rate."""
+        output = self.spec.outputs[index]
+        held = self._held[index]
+        target = value * F(output.unit_scale)
+        if self.spec.filter != 1.0:
+            target = held + F(self.spec.filter) * (target - held)
+        limit = F(self.spec.slew_step)
+        if limit > _ZERO:
+            if target - held > limit:
+                target = held + limit
+            elif target - held < -limit:
+                target = held - limit
+        self._held[index] = target
+        count = output.zero + _round(target * F(output.count_scale))
+        return min(max(count, output.count_low), output.count_high)
+
+
+def _decode(spec: TerminalSpec, raw: Sequence[int] | Counts) -> F:
+    if spec.channel < 0:
+        return _ZERO
+    count = min(max(int(raw[spec.channel]), -_COUNT_MAX), _COUNT_MAX)
+    return F(count - spec.zero) * F(spec.scale)
+
+
+def _clamp(output: OutputSpec, value: F) -> F:
+    low, high = F(output.low), F(output.high)
+    if np.isnan(value):
+        return F(output.neutral)
+    if value < low:
+        return low
+    return high if value > high else value
+
+
+def _round(value: F) -> int:
+    """Round half to even; saturate."""
+    if np.isnan(value):
+        return 0
+    return int(np.rint(min(max(value, F(-_COUNT_MAX)), F(_COUNT_MAX))))
+
+
+def _direction(x: F, y: F) -> F:
+    """Return the direction of (x, y) within +-pi, 0 at the origin [rad]."""
+    if x > _ZERO:
+        return float_math.atan(y / x)
+    if x < _ZERO:
+        angle = float_math.atan(y / x)
+        return angle - _PI if y < _ZERO else angle + _PI
+    if y > _ZERO:
+        return _HALF_PI
+    return -_HALF_PI if y < _ZERO else _ZERO
