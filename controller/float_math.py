@@ -167,7 +167,7 @@ def log(x: F) -> F:
         if x < F(1.17549435e-38):
             x = x * F(33554432.0)
             k = -152
-        word = int(x.view(np.uint32)) + (0x3F800000 - 0x3F3504F3)
+        word = int(x.view(np.uint32)) + 0x004AFB0D
         k = k + (word >> 23)
         f = np.uint32((word & 0x007FFFFF) + 0x3F3504F3).view(F) - _ONE
         s = f / (f + _TWO)

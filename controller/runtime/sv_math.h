@@ -239,9 +239,9 @@ static inline float sv_log(float x) {
     x = x * 33554432.0F;
     k = -152;
   }
-  // 0x3f3504f3 is sqrt(1/2), 0x3f800000 is 1
+  // 0x3f3504f3 is sqrt(1/2), and 0x004afb0d more is 1
   word.f = x;
-  word.u = word.u + (0x3f800000U - 0x3f3504f3U);
+  word.u = word.u + 0x004afb0dU;
   k = k + (int32_t)(word.u >> 23);
   word.u = (word.u & 0x007fffffU) + 0x3f3504f3U;
   f = word.f - 1.0F;
