@@ -45,6 +45,8 @@ def load_controller(path: str | Path) -> Controller:
             if not (path / BEST).exists():
                 raise InputError(f"{path}: is a folder without {BEST}; give a run folder or a *.controller.toml")
             path = path / BEST
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"{path}: can not be read ({reason}); name a readable {KIND}") from None

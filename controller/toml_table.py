@@ -243,6 +243,8 @@ def read_toml(path: Path, kind: str, *, format_required: bool = True) -> Table:
         else:
             with path.open("rb") as file:
                 data = file.read(BYTES_MAX + 1)
+    except InputError:
+        raise
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file; name an existing {kind}") from None
     except (OSError, ValueError) as error:
