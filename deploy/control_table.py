@@ -1,0 +1,145 @@
+"""A servo's control table: bytes, and the rules by which a master may read and write them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from controller.registers import Register
+from deploy.dynamixel2 import (
+    ACCESS_ERROR,
+    DATA_LENGTH_ERROR,
+    DATA_LIMIT_ERROR,
+    DATA_RANGE_ERROR,
+)
+
+_GOAL_LIMITS: Final[Mapping[str, tuple[str | None, str]]] = {
+    "goal_pwm": (None, "pwm_limit"),
+    "goal_current": (None, "current_limit"),
+    "goal_velocity": (None, "velocity_limit"),
+    "goal_position": ("min_position_limit", "max_position_limit"),
+}
+"""Goal => the registers that bound it; no lower one: minus the upper."""
+
+_INDIRECT_DATA: Final = "indirect_data_"
+
+
+class ControlTable:
+    """Hold the registers of one servo.
+
+    Args:
+        lines: the product's registers, from `controller.registers`
+    """
+
+    def __init__(self, lines: Mapping[str, Register]) -> None:
+        self.lines = lines
+        self.end = max(line.address + line.size for line in lines.values())
+        self.memory = bytearray(self.end)
+        self._owner: list[Register | None] = [None] * self.end
+        for line in lines.values():
+            for address in range(line.address, line.address + line.size):
+                self._owner[address] = line
+        # data address => where the indirect address that it stands for is kept
+        self._indirect = {
+            line.address: lines[f"indirect_address_{name.removeprefix(_INDIRECT_DATA)}"].address
+            for name, line in lines.items()
+            if name.startswith(_INDIRECT_DATA)
+        }
+        self._indirect_low = min(self._indirect, default=self.end)
+        self.restore(eeprom=True)
+
+    def __getitem__(self, name: str) -> int:
+        """Return a register's count."""
+        line = self.lines[name]
+        return int.from_bytes(self.memory[line.address : line.address + line.size], "little", signed=line.signed)
+
+    def __setitem__(self, name: str, value: int) -> None:
+        """Set a register's count, as the servo itself does: no rules."""
+        line = self.lines[name]
+        count = value & ((1 << (8 * line.size)) - 1)
+        self.memory[line.address : line.address + line.size] = count.to_bytes(line.size, "little")
+
+    def restore(self, eeprom: bool) -> None:
+        """Set the registers to their initial counts.
+
+        Args:
+            eeprom: those too that keep their counts without power
+        """
+        for name, line in self.lines.items():
+            if eeprom or not line.eeprom:
+                self[name] = line.initial
+
+    def eeprom(self) -> dict[str, int]:
+        """Return what the servo keeps without power, by register name, but for what nobody can write."""
+        return {name: self[name] for name, line in self.lines.items() if line.eeprom and line.access == "rw"}
+
+    def read(self, address: int, length: int) -> tuple[int, bytes]:
+        """Return an error number and the bytes that a master reads.
+
+        Bytes between registers read 0, as long as the block ends within the table.
+
+        Args:
+            address: first byte
+            length: bytes
+        """
+        if length < 1:
+            return DATA_LENGTH_ERROR, b""
+        end = address + length
+        if end > self.end:
+            return ACCESS_ERROR, b""
+        if end <= self._indirect_low:
+            return 0, bytes(self.memory[address:end])
+        return 0, bytes(self.memory[self._target(byte)] for byte in range(address, end))
+
+    def check(self, address: int, data: bytes) -> tuple[int, Sequence[tuple[Register, int]]]:
+        """Return an error number and what a master's write would set: all of the block or nothing.
+
+        Args:
+            address: first byte
+            data: the bytes
+        """
+        if not data:
+            return DATA_LENGTH_ERROR, ()
+        if address + len(data) > self.end:
+            return ACCESS_ERROR, ()
+        written = {self._target(address + offset): byte for offset, byte in enumerate(data)}
+        changes: list[tuple[Register, int]] = []
+        locked = self["torque_enable"] != 0
+        previous: Register | None = None
+        for byte in written:
+            line = self._owner[byte]
+            if line is None or line.access == "r" or (line.eeprom and locked):
+                return ACCESS_ERROR, ()
+            if line is previous:
+                continue
+            previous = line
+            places = range(line.address, line.address + line.size)
+            if not all(place in written for place in places):
+                return DATA_LENGTH_ERROR, ()
+            value = int.from_bytes(bytes(written[place] for place in places), "little", signed=line.signed)
+            error = self._check_value(line, value)
+            if error:
+                return error, ()
+            changes.append((line, value))
+        return 0, changes
+
+    def _check_value(self, line: Register, value: int) -> int:
+        """Return 0 or the error of a value.
+
+        The manual has two errors for a value that is out of bounds and does not say which is whose: here a goal beyond
+        its limit registers is a data limit error, any other value outside its register's range a data range error.
+        """
+        if line.name in _GOAL_LIMITS:
+            low_name, high_name = _GOAL_LIMITS[line.name]
+            high = self[high_name]
+            low = self[low_name] if low_name else -high
+            return 0 if low <= value <= high else DATA_LIMIT_ERROR
+        return 0 if line.low <= value <= line.high else DATA_RANGE_ERROR
+
+    def _target(self, byte: int) -> int:
+        """Return the byte that an address means: an indirect data byte stands for the one its address names."""
+        at = self._indirect.get(byte)
+        if at is None:
+            return byte
+        target = self.memory[at] | self.memory[at + 1] << 8
+        return target if target < self._indirect_low else byte
