@@ -45,10 +45,14 @@ class Settings:
         decide_timestep_s: physics step when the best is chosen [s]
         friction: floor friction varies by ± this share
         mass: masses vary by ± this share
-        torque: torque of the servos varies by ± this share
-        latency_periods: commands come late by 0 to this many periods
-        angle_noise_rad: standard deviation of encoder noise [rad]
-        start_noise_rad: standard deviation of the angles at the start [rad]
+        torque: torque of each servo varies by ± this share
+        voltage: supply voltage drops by up to this share
+        latency_s: commands come late by 0 to this [s]
+        encoder_bias_rad: standard deviation of each encoder's bias [rad]
+        initial_rad: standard deviation of the angles at the start [rad]
+        pose_noise_m: standard deviation of the noise of positions [m]
+        angle_noise_rad: standard deviation of the noise of the pose's angles [rad]
+        force_noise_n: standard deviation of the noise of the force [N]
         hall_of_fame: candidates for the best of the run
         decision_goals: unseen conditions that choose the best
         held_out_goals: further unseen conditions that judge the chosen
@@ -83,9 +87,13 @@ class Settings:
     friction: float = 0.3
     mass: float = 0.1
     torque: float = 0.2
-    latency_periods: int = 2
+    voltage: float = 0.05
+    latency_s: float = 0.04
+    encoder_bias_rad: float = 0.005
+    initial_rad: float = 0.01
+    pose_noise_m: float = 0.0005
     angle_noise_rad: float = 0.002
-    start_noise_rad: float = 0.01
+    force_noise_n: float = 0.05
     hall_of_fame: int = 30
     decision_goals: int = 24
     held_out_goals: int = 24
@@ -119,9 +127,13 @@ _RANGES: dict[str, tuple[float, float]] = {
     "friction": (0, 0.95),
     "mass": (0, 0.95),
     "torque": (0, 0.95),
-    "latency_periods": (0, 10),
+    "voltage": (0, 0.95),
+    "latency_s": (0, 0.5),
+    "encoder_bias_rad": (0, 1),
+    "initial_rad": (0, 1),
+    "pose_noise_m": (0, 1),
     "angle_noise_rad": (0, 1),
-    "start_noise_rad": (0, 1),
+    "force_noise_n": (0, 1000),
     "hall_of_fame": (1, 10_000),
     "decision_goals": (1, 10_000),
     "held_out_goals": (1, 10_000),

@@ -1,0 +1,188 @@
+"""The decision: candidates of all generations meet unseen conditions in full physics; more unseen ones judge the best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from controller import Controller, Rig
+from evolve.conditions import Conditions, draw_conditions
+from evolve.evaluate import Cache, Race, evaluate, is_hit, simulate
+from evolve.search import Generation
+from evolve.settings import Settings
+from evolve.streams import Stream, generator
+from evolve.task import Task, score
+from sim_models.rollouts import RolloutPool
+from sim_models.statistics import HIT_M
+
+NEAR_M = 0.05
+"""Within this of the goal is near [m]."""
+
+_RACE_SHARE_OF_CONDITIONS = 3  # a third of the conditions decides which candidates meet the others
+_RACE_SHARE_OF_CANDIDATES = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Hold a controller that may be the best of its run.
+
+    Args:
+        generation: in which it was found
+        individual: its number there
+        program: hash of its program
+        nodes: nodes of its genotype
+        controller: the controller
+    """
+
+    generation: int
+    individual: int
+    program: str
+    nodes: int
+    controller: Controller
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Hold how a controller did under conditions that nothing had seen, in the physics that decides.
+
+    Args:
+        conditions: how many
+        mean_error_m: mean distance from the goal at the end [m]
+        median_error_m: median of the same [m]
+        hits: share within 1.5 cm of the goal at the end, at rest, upright
+        within_15_mm: share within 1.5 cm at the end, upright
+        within_50_mm: share within 5 cm at the end, upright
+        passed: share that came within 1.5 cm at any time, the papers' hit
+        falls: share that fell
+        hops_mean: mean number of hops
+        hops_min: fewest hops
+        clearance_m: mean over the rollouts of the largest clearance of all feet [m]
+        main: mean main goal
+        style: mean style points
+    """
+
+    conditions: int
+    mean_error_m: float
+    median_error_m: float
+    hits: float
+    within_15_mm: float
+    within_50_mm: float
+    passed: float
+    falls: float
+    hops_mean: float
+    hops_min: int
+    clearance_m: float
+    main: float
+    style: float
+
+
+def hall_of_fame(halls: Sequence[Candidate], settings: Settings) -> list[Candidate]:
+    """Return the candidates for the best of a run: those found last, each program once.
+
+    Fitness of different generations does not compare, as their conditions differ and style is phased in; so each
+    generation's best count alike, and the later ones have been selected longer.
+
+    Args:
+        halls: the best of each generation, in order
+        settings: the run's numbers
+
+    Returns:
+        at most `settings.hall_of_fame`, the latest first
+    """
+    latest: dict[str, Candidate] = {}
+    for candidate in reversed(halls):
+        latest.setdefault(candidate.program, candidate)
+    return list(latest.values())[: settings.hall_of_fame]
+
+
+def candidates(generation: Generation, count: int) -> list[Candidate]:
+    """Return the best of a generation, the best last.
+
+    Args:
+        generation: that has met its conditions
+        count: how many at most
+
+    Returns:
+        the candidates
+    """
+    return [
+        Candidate(
+            generation.number,
+            index,
+            generation.programs[index],
+            generation.population[index].nodes,
+            generation.controllers[index],
+        )
+        for index in reversed(generation.best(count))
+    ]
+
+
+def decide(
+    task: Task, pool: RolloutPool, rig: Rig, settings: Settings, seed: int, hall: Sequence[Candidate]
+) -> tuple[Candidate, Validation, Conditions]:
+    """Choose the best candidate under unseen conditions, and judge it under further ones.
+
+    Args:
+        task: whose fitness counts, style points in full
+        pool: rollouts in the physics that decides
+        rig: the rig
+        settings: the run's numbers
+        seed: of the run
+        hall: the candidates, at least one
+
+    Returns:
+        the best, how it did under conditions that did not choose it, and these conditions
+    """
+    njoint = len(rig.joints)
+    unseen = draw_conditions(generator(seed, Stream.DECISION), settings, settings.decision_goals, njoint)
+    race = Race(max(1, settings.decision_goals // _RACE_SHARE_OF_CONDITIONS), _RACE_SHARE_OF_CANDIDATES, 1.0)
+    programs = [candidate.program for candidate in hall]
+    evaluation = evaluate(
+        task, pool, [candidate.controller for candidate in hall], programs, unseen, Cache(), race
+    )
+    incomplete = evaluation.met < len(unseen)
+    best = hall[int(np.lexsort((evaluation.fitness(1.0), incomplete))[0])]
+    held_out = draw_conditions(generator(seed, Stream.HELD_OUT), settings, settings.held_out_goals, njoint)
+    return best, validate(task, pool, best.controller, held_out), held_out
+
+
+def validate(task: Task, pool: RolloutPool, controller: Controller, conditions: Conditions) -> Validation:
+    """Let one controller meet conditions.
+
+    Args:
+        task: whose fitness counts
+        pool: where rollouts run
+        controller: the controller
+        conditions: goals and rigs
+
+    Returns:
+        how it did
+    """
+    rows = np.arange(len(conditions), dtype=np.int32)
+    index = np.stack((np.zeros_like(rows), rows), axis=1)
+    rollouts = simulate(pool, [controller], conditions, index, traces=task.traces)
+    end = rollouts.statistics
+    main, style = score(task, rollouts, conditions.goal_m)
+    upright = end["upright_end"] == 1
+    return Validation(
+        conditions=len(conditions),
+        mean_error_m=_mean(end["final_error"]),
+        median_error_m=float(np.median(end["final_error"])),
+        hits=_mean(is_hit(end)),
+        within_15_mm=_mean(upright & (end["final_error"] <= HIT_M)),
+        within_50_mm=_mean(upright & (end["final_error"] <= NEAR_M)),
+        passed=_mean(end["first_hit_step"] >= 0),
+        falls=_mean(end["fallen"] != 0),
+        hops_mean=_mean(end["hops"]),
+        hops_min=int(end["hops"].min()),
+        clearance_m=_mean(end["max_clearance"]),
+        main=_mean(main),
+        style=_mean(style),
+    )
+
+
+def _mean(values: npt.NDArray[np.generic]) -> float:
+    return float(np.mean(values.astype(np.float64)))

@@ -1,0 +1,143 @@
+"""The search: ask for a population, meet the generation's conditions, tell how it did."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from controller import Controller, lower, program_hash
+from evolve.conditions import Conditions, draw_conditions
+from evolve.evaluate import Cache, Evaluation, Race, evaluate
+from evolve.selection import ranks
+from evolve.streams import Stream, generator
+from evolve.task import Task
+from evolve.tree_gp import Individual, TreeGp, breed, source, start
+from sim_models.rollouts import RolloutPool
+
+
+@dataclass(frozen=True, eq=False)
+class Generation:
+    """Hold a generation that has met its conditions.
+
+    Args:
+        number: from 0
+        population: its individuals, (population,)
+        controllers: their controllers, (population,)
+        programs: hash of each one's program, (population,)
+        conditions: what they met
+        phase: weight of the style points
+        evaluation: how they did
+        rank: rank of each, 0 is the best, (population,)
+    """
+
+    number: int
+    population: Sequence[Individual]
+    controllers: Sequence[Controller]
+    programs: Sequence[str]
+    conditions: Conditions
+    phase: float
+    evaluation: Evaluation
+    rank: npt.NDArray[np.int64]
+
+    def best(self, count: int) -> list[int]:
+        """Return the best individuals of different programs that met all conditions, best first."""
+        found: dict[str, int] = {}
+        for index in np.argsort(self.rank).tolist():
+            if self.evaluation.met[index] == len(self.conditions):
+                found.setdefault(self.programs[index], index)
+        return list(found.values())[:count]
+
+
+def phase_of(generation: int, generations: int) -> float:
+    """Return the weight of style points, sqrt(g / G): none in the first generation, near 1 in the last.
+
+    Args:
+        generation: from 0
+        generations: how many there are
+
+    Returns:
+        the weight, 0 to 1
+
+    Source: Gritz & Hahn 1997, §3.5.
+    """
+    return float(np.sqrt(generation / generations))
+
+
+def ask(gp: TreeGp, seed: int, before: Generation | None) -> list[Individual]:
+    """Return the population that follows a generation, or the first one.
+
+    Chance comes from the seed and the generation's number alone, so a search can go on from any generation.
+
+    Args:
+        gp: the method
+        seed: of the run
+        before: the generation before, None: there is none
+
+    Returns:
+        the population
+    """
+    if before is None:
+        return start(generator(seed, Stream.START), gp)
+    rng = generator(seed, Stream.VARIATION, before.number + 1)
+    return breed(rng, gp, before.population, before.rank)
+
+
+def tell(
+    task: Task,
+    gp: TreeGp,
+    template: Controller,
+    pool: RolloutPool,
+    cache: Cache,
+    seed: int,
+    number: int,
+    population: Sequence[Individual],
+) -> Generation:
+    """Let a population meet the conditions of its generation, drawn anew, and rank it.
+
+    Args:
+        task: whose fitness counts
+        gp: the method
+        template: the controller around the programs
+        pool: where rollouts run
+        cache: outcomes known from before
+        seed: of the run
+        number: of the generation, from 0
+        population: the individuals
+
+    Returns:
+        the generation
+    """
+    settings = gp.settings
+    rng = generator(seed, Stream.CONDITIONS, number)
+    conditions = draw_conditions(rng, settings, settings.goals, len(template.outputs))
+    cache.forget_others(conditions.keys)
+    controllers = [controller_of(gp, template, individual) for individual in population]
+    programs = [program_hash(controller.program) for controller in controllers]
+    phase = phase_of(number, settings.generations)
+    race = Race(settings.race_goals, settings.race_share, phase)
+    evaluation = evaluate(task, pool, controllers, programs, conditions, cache, race, remember=settings.cache)
+    complete = evaluation.met == len(conditions)
+    nodes = np.array([individual.nodes for individual in population], np.int64)
+    rank = ranks(evaluation.fitness(phase), complete, nodes)
+    return Generation(number, population, controllers, programs, conditions, phase, evaluation, rank)
+
+
+def controller_of(gp: TreeGp, template: Controller, individual: Individual) -> Controller:
+    """Return the template with an individual's program in it.
+
+    Args:
+        gp: the method
+        template: the controller around the programs
+        individual: whose program
+
+    Returns:
+        the controller
+    """
+    expression = source(gp, individual)
+    names = [terminal.name for terminal in template.inputs]
+    return dataclasses.replace(template, source=expression, program=lower(expression, names))
+

@@ -1,0 +1,176 @@
+"""Tasks: what a controller is evolved for. A task is one Python file that binds `TASK`.
+
+A task file needs little more than its fitness::
+
+    from evolve.task import Settings, Task
+
+    def fitness(rollouts, goal_m):
+        end = rollouts.statistics
+        return end["final_error"] + 0.5 * end["fallen"], end["neutral_error"]
+
+    TASK = Task(name="walk", rig="lamp-xc330", terminals=("t", "px"), fitness=fitness)
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.util
+import re
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from controller.errors import InputError
+from evolve.settings import Settings, check
+from sim_models.rollouts import Rollouts, StopConditions
+
+__all__ = ["BUILT_IN", "FloatArray", "Settings", "StopConditions", "Task", "load_task", "score"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+Fitness: TypeAlias = Callable[[Rollouts, FloatArray], tuple[FloatArray, FloatArray]]
+
+BUILT_IN = {"lamp": "evolve.lamp", "lamp-robust": "evolve.lamp_robust"}
+"""Module of each task that has a name."""
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,63}\Z")
+
+
+@dataclass(frozen=True)
+class Task:
+    """Describe a task.
+
+    Args:
+        name: of the task and of its controllers
+        rig: name or path of the rig that it is for
+        terminals: inputs of its controllers, all of which the rig must supply
+        fitness: ``(rollouts, goal distances [m] (nsim,)) -> (main, style)``, lower is better, each (nsim,);
+            a rollout's fitness is ``main + sqrt(g / G) * style`` in generation g of G
+        settings: the numbers of its runs
+        stop: when a rollout is over before its time
+        traces: whether `fitness` reads ``rollouts.traces``, which costs memory
+    """
+
+    name: str
+    rig: str
+    terminals: tuple[str, ...]
+    fitness: Fitness
+    settings: Settings = field(default_factory=Settings)
+    stop: StopConditions = field(default_factory=StopConditions)
+    traces: bool = False
+
+
+def load_task(name_or_path: str) -> Task:
+    """Return a built-in task by name, or the task of a Python file by path.
+
+    Args:
+        name_or_path: "lamp", "lamp-robust", or a path that ends in ``.py``
+
+    Returns:
+        the checked task
+
+    Raises:
+        InputError: there is no such task, or the file does not hold one
+    """
+    if name_or_path in BUILT_IN:
+        return _checked(importlib.import_module(BUILT_IN[name_or_path]), name_or_path)
+    path = Path(name_or_path)
+    if path.suffix != ".py" and not path.exists():
+        close = difflib.get_close_matches(name_or_path, BUILT_IN, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"give one of {', '.join(BUILT_IN)}, or the path of a .py file"
+        raise InputError(f"{name_or_path}: there is no such task; {hint}")
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "missing"
+        raise InputError(f"{name_or_path}: the task file is {kind}; give the path of a Python file that binds TASK")
+    return _checked(_run_file(path), name_or_path)
+
+
+def score(task: Task, rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Apply a task's fitness and check what it gives.
+
+    Args:
+        task: the task
+        rollouts: finished rollouts
+        goal_m: goal distance of each [m], (nsim,)
+
+    Returns:
+        main goal and style points of each rollout, infinite where NaN or where physics diverged, (nsim,) each
+
+    Raises:
+        InputError: the task's fitness failed, or gave something else than two numbers for each rollout
+    """
+    origin = task.fitness.__code__.co_filename if hasattr(task.fitness, "__code__") else task.name
+    try:
+        parts = tuple(np.asarray(part, np.float64) for part in task.fitness(rollouts, goal_m))
+    except Exception as error:
+        raise InputError(_sentence(Path(origin), error)) from error
+    if len(parts) != 2 or any(part.shape not in ((), goal_m.shape) for part in parts):
+        raise InputError(
+            f"{origin}: fitness gave shapes {[part.shape for part in parts]}; return (main, style), one number each"
+            f" for each of the {len(goal_m)} rollouts"
+        )
+    main, style = (np.broadcast_to(part, goal_m.shape) for part in parts)
+    lost = (rollouts.statistics["status"] != 0) | np.isnan(main) | np.isnan(style)
+    return np.where(lost, np.inf, main), np.where(lost, 0.0, style)
+
+
+def _run_file(path: Path) -> ModuleType:
+    """Execute a task file and return its module."""
+    try:
+        source = path.read_bytes()
+        code = compile(source, str(path), "exec")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the file's permissions") from None
+    except (SyntaxError, ValueError) as error:
+        raise InputError(_sentence(path, error)) from None
+    module = ModuleType("servolve_task")
+    module.__file__ = str(path)
+    try:
+        exec(code, module.__dict__)
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise InputError(_sentence(path, error)) from error
+    return module
+
+
+def _sentence(path: Path, error: BaseException) -> str:
+    """Say where in the file an error arose and what it was."""
+    line = None
+    if isinstance(error, SyntaxError):
+        line = error.lineno
+    else:
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+        line = frames[-1].lineno if frames else None
+    place = f"{path}:{line}" if line else f"{path}"
+    told = error.msg if isinstance(error, SyntaxError) else str(error)
+    return f"{place}: {type(error).__name__}: {' '.join(told.split()) or 'no message'}; correct the task file"
+
+
+def _checked(module: ModuleType, origin: str) -> Task:
+    """Return a module's task if it is one."""
+    task = getattr(module, "TASK", None)
+    if not isinstance(task, Task):
+        what = "nothing" if task is None else f"a {type(task).__name__}"
+        raise InputError(
+            f"{origin}: TASK is {what}; bind TASK = evolve.task.Task(name=…, rig=…, terminals=…, fitness=…)"
+        )
+    if not isinstance(task.name, str) or not _NAME.match(task.name):
+        raise InputError(f"{origin}: the task's name {task.name!r} is no name; use letters, digits, '_', '.', '-'")
+    if not callable(task.fitness):
+        raise InputError(f"{origin}: the task's fitness is no function; give fitness(rollouts, goal_m)")
+    if not isinstance(task.rig, str) or not task.rig:
+        raise InputError(f"{origin}: the task's rig is {task.rig!r}; give the name of a rig or the path of a rig.toml")
+    terminals = task.terminals
+    if isinstance(terminals, str) or not terminals or not all(isinstance(name, str) for name in terminals):
+        raise InputError(f"{origin}: the task's terminals are {terminals!r}; give a tuple of names, as ('t', 'px')")
+    if len(set(terminals)) != len(terminals):
+        raise InputError(f"{origin}: a terminal is listed twice in {terminals!r}; list each once")
+    check(task.settings, origin)
+    return task

@@ -1,0 +1,86 @@
+"""The controller around an evolved program: what its inputs and outputs mean on a rig."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from controller import Controller, Input, Output, Rig
+from controller.errors import InputError
+from controller.lowering import lower
+from controller.rig import Joint
+from controller.source import Constant, Source
+from controller.terminals import TerminalSpec, resolve_terminals, terminals_of
+from evolve.settings import Settings
+from evolve.task import Task
+
+_MARGIN_M = 0.5  # how far beyond the goals the base is expected
+
+
+def controller_template(task: Task, rig: Rig, settings: Settings) -> Controller:
+    """Return a controller of a task on a rig that holds every joint at its neutral angle.
+
+    Args:
+        task: the task, whose terminals become the inputs
+        rig: the rig, whose joints become the outputs, in degrees
+        settings: the run's numbers
+
+    Returns:
+        the controller, whose source and program are to be replaced
+
+    Raises:
+        InputError: the rig cannot supply one of the task's terminals
+    """
+    supplied = terminals_of(rig)
+    for name in task.terminals:
+        if name not in supplied:
+            raise InputError(
+                f"{task.name}: terminal {name!r} cannot be had on rig {rig.name}, whose terminals are"
+                f" {', '.join(supplied)}; use these only"
+            )
+    outputs = tuple(_output(joint) for joint in rig.joints)
+    source = Source(tuple(Constant(np.float32(output.neutral)) for output in outputs))
+    controller = Controller(
+        name=task.name,
+        period_s=rig.period_s,
+        inputs=tuple(_input(supplied[name], rig, settings) for name in task.terminals),
+        outputs=outputs,
+        source=source,
+        program=lower(source, task.terminals),
+        filter=settings.filter,
+        slew_rad_s=settings.slew_rad_s,
+        task=task.name,
+    )
+    resolve_terminals(controller, rig)
+    return controller
+
+
+def _output(joint: Joint) -> Output:
+    """Return a joint as an output in degrees, limits rounded inwards to tenths."""
+    low = math.ceil(math.degrees(joint.low_rad) * 10) / 10
+    high = math.floor(math.degrees(joint.high_rad) * 10) / 10
+    neutral = round(math.degrees(joint.neutral_rad), 6)
+    return Output(joint.name, "position", "deg", low, high, min(max(neutral, low), high))
+
+
+def _input(terminal: TerminalSpec, rig: Rig, settings: Settings) -> Input:
+    """Return a terminal with the values it is expected to take."""
+    farthest = max(abs(settings.goal_low_m), abs(settings.goal_high_m))
+    expected = {
+        "t": (0.0, settings.time_limit_s),
+        "goal_dist": (settings.goal_low_m, settings.goal_high_m),
+        "goal_met": (0.0, 1.0),
+        "heading_error": (-3.2, 3.2),
+        "px": (-farthest - _MARGIN_M, farthest + _MARGIN_M),
+        "py": (-farthest - _MARGIN_M, farthest + _MARGIN_M),
+        "pz": (0.0, _MARGIN_M),
+        "s0": (0.0, 100.0),
+    }
+    for joint in rig.joints:
+        speed = round(2 * joint.product.no_load_speed_rad_s, 1)
+        expected[joint.name] = (joint.low_rad - 0.2, joint.high_rad + 0.2)
+        expected[f"{joint.name}_vel"] = (-speed, speed)
+        expected[f"{joint.name}_load"] = (-1.0, 1.0)
+    low, high = expected.get(terminal.name, (-1000.0, 1000.0))
+    return Input(terminal.name, terminal.unit, round(low, 6), round(high, 6))
