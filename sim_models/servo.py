@@ -13,6 +13,8 @@ import math
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
+import numpy.typing as npt
 
 from controller.products import Product
 
@@ -86,14 +88,26 @@ def set_servo(model: mujoco.MjModel, actuator_id: int, parameters: ServoParamete
         actuator_id: the servo's actuator
         parameters: from `servo_parameters`
     """
-    row = model.actuator_gainprm[actuator_id]
-    row[_RESISTANCE] = parameters.resistance
-    row[_MOTOR_CONSTANT] = parameters.motor_constant
-    row[_KP] = parameters.kp
-    row[_KI] = 0.0
-    row[_KD] = parameters.kd
-    row[_VOLTAGE_MAX] = parameters.voltage_max
-    model.actuator_forcerange[actuator_id] = (-parameters.torque_max, parameters.torque_max)
+    write_servo(model.actuator_gainprm[actuator_id], model.actuator_forcerange[actuator_id], parameters)
+
+
+def write_servo(
+    gainprm: npt.NDArray[np.float64], forcerange: npt.NDArray[np.float64], parameters: ServoParameters
+) -> None:
+    """Write a servo's parameters where MuJoCo keeps those of one actuator.
+
+    Args:
+        gainprm: row of ``actuator_gainprm``, changed in place, (10,)
+        forcerange: row of ``actuator_forcerange``, changed in place, (2,)
+        parameters: from `servo_parameters`
+    """
+    gainprm[_RESISTANCE] = parameters.resistance
+    gainprm[_MOTOR_CONSTANT] = parameters.motor_constant
+    gainprm[_KP] = parameters.kp
+    gainprm[_KI] = 0.0
+    gainprm[_KD] = parameters.kd
+    gainprm[_VOLTAGE_MAX] = parameters.voltage_max
+    forcerange[:] = (-parameters.torque_max, parameters.torque_max)
 
 
 def set_torque(model: mujoco.MjModel, actuator_id: int, on: bool) -> None:

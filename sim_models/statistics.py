@@ -37,7 +37,11 @@ FIELDS: Final = (
     ("ground_path", "m", "the part of it in periods that begin and end with a foot lower than 2 mm: sliding"),
     ("path_after_hit", "m", "the part of the path after first_hit_step"),
     ("joint_path_after_hit", "rad", "mean path of the joints after first_hit_step"),
-    ("status", "", "0 done, 1 diverged (a bad number: the end's fields are 0), 2 MuJoCo raised an error"),
+    (
+        "status",
+        "",
+        "0 done, 1 diverged (a bad number), 2 MuJoCo raised an error; unless 0, the end's values are infinite",
+    ),
     ("fallen", "", "which stop condition ended it: 0 none, 1 tilt, 2 head, 3 flight"),
     ("head_touched", "", "1 if the head touched anything"),
     ("upright_end", "", "1 if not fallen and end_tilt is at most 0.35 rad"),
