@@ -1,1 +1,17 @@
-"""TODO."""
+"""Controllers as C for any machine: the transpiler, its selftest and report, and compiled controllers for tests."""
+
+from firmware_gen.compiled import CompiledController, compile_controller, compile_controllers
+from firmware_gen.generate import Generated, Transpiled, generate, transpile
+from firmware_gen.report import report_text, write_report
+
+__all__ = [
+    "CompiledController",
+    "Generated",
+    "Transpiled",
+    "compile_controller",
+    "compile_controllers",
+    "generate",
+    "report_text",
+    "transpile",
+    "write_report",
+]

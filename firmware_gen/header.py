@@ -1,0 +1,161 @@
+"""The generated header: the controller's manual, its names, and four functions."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from controller import format_source
+from controller.controller import Input, Output
+from controller.decimals import format_decimal
+from firmware_gen.names import mangle
+from firmware_gen.unit import GENERATOR_VERSION, Unit
+from firmware_gen.vectors import STEPS_HARD, STEPS_USUAL
+
+
+def header_text(unit: Unit) -> str:
+    """Write the header.
+
+    Args:
+        unit: the controller and its names
+
+    Returns:
+        the whole file
+    """
+    name = unit.name
+    return "\n".join(
+        [
+            *opening_comment(unit),
+            *_manual(unit),
+            "",
+            f"#ifndef {name}_H_",
+            f"#define {name}_H_",
+            "",
+            "#include <stdint.h>",
+            "",
+            "// the source file compares these: a header and a source of different runs do not compile",
+            f"#define {name}_GENERATOR {GENERATOR_VERSION}",
+            f"#define {name}_FINGERPRINT 0x{unit.fingerprint:08x}",
+            "",
+            "#ifdef __cplusplus",
+            'extern "C" {',
+            "#endif",
+            "",
+            f"enum {{ {name}_ninput = {len(unit.controller.inputs)}, "
+            f"{name}_noutput = {len(unit.controller.outputs)} }};",
+            "",
+            *_enumeration(unit, "input", [_input_comment(i) for i in unit.controller.inputs]),
+            *_enumeration(unit, "output", [_output_comment(o) for o in unit.controller.outputs]),
+            *_state(unit),
+            *_functions(unit),
+            "#ifdef __cplusplus",
+            "}",
+            "#endif",
+            "",
+            f"#endif  // {name}_H_",
+            "",
+        ]
+    )
+
+
+def opening_comment(unit: Unit) -> list[str]:
+    """Return the lines that say where a generated file comes from.
+
+    Args:
+        unit: the controller and its names
+    """
+    return [
+        f"// {unit.name}: a robot controller, written by servolve transpile; do not edit.",
+        "//",
+        f"//   controller  {unit.controller.name}",
+        f"//   program     {unit.program_hash}",
+        f"//   generator   {GENERATOR_VERSION}",
+    ]
+
+
+def input_dimension(unit: Unit) -> str:
+    """Return the C text of the length of the input array, which C does not allow to be 0.
+
+    Args:
+        unit: the controller and its names
+    """
+    return f"{unit.name}_ninput" if unit.controller.inputs else "1"
+
+
+def _manual(unit: Unit) -> list[str]:
+    name = unit.name
+    table_bytes = 4 * (STEPS_USUAL + STEPS_HARD) * (len(unit.controller.inputs) + len(unit.controller.outputs))
+    program = [f"//   {line}" for line in format_source(unit.controller.source).splitlines()]
+    return [
+        f"//   period      {_number(unit.controller.period_s)} s",
+        f"//   memory      {unit.state_bytes} bytes of state; {table_bytes} bytes of constants, for the selftest only",
+        f"//   worst case  {sum(unit.operation_counts.values())} program operations a step, at most "
+        f"{unit.worst_case} float operations and comparisons",
+        "//",
+        *program,
+        "//",
+        "// C99 without libc, heap, globals, recursion and double. Once a period:",
+        "//",
+        f"//   {name}_step(&state, inputs, outputs);",
+        f"//   {name}_clamp(outputs);",
+        "//",
+        f"// after {name}_selftest() has returned 0 and {name}_init(&state) has been called, at start-up.",
+    ]
+
+
+def _enumeration(unit: Unit, kind: str, comments: list[str]) -> list[str]:
+    names = [o.name for o in (unit.controller.inputs if kind == "input" else unit.controller.outputs)]
+    if not names:
+        return []
+    lines = [
+        f"  {unit.name}_{kind}_{mangle(name)} = {i}{',' * (i < len(names) - 1)}  // {comment}"
+        for i, (name, comment) in enumerate(zip(names, comments, strict=True))
+    ]
+    return [f"// places in the array of {kind}s", "typedef enum {", *lines, f"}} {unit.name}_{kind};", ""]
+
+
+def _input_comment(terminal: Input) -> str:
+    return f"{_plain(terminal.unit)}, expected {_number(terminal.low)} to {_number(terminal.high)}"
+
+
+def _output_comment(output: Output) -> str:
+    return (
+        f"{_plain(output.kind)} in {_plain(output.unit)}, clamped to {_number(output.low)} to {_number(output.high)}, "
+        f"{_number(output.neutral)} for a NaN"
+    )
+
+
+def _state(unit: Unit) -> list[str]:
+    nstate = unit.controller.program.nstate
+    comment = "the program's memory, all 0 at the start" if nstate else "unused: this program has no memory"
+    return ["typedef struct {", f"  float s[{max(nstate, 1)}];  // {comment}", f"}} {unit.name}_state;", ""]
+
+
+def _functions(unit: Unit) -> list[str]:
+    name = unit.name
+    return [
+        "// Go back to the start.",
+        f"void {name}_init({name}_state* state);",
+        "",
+        "// Evaluate one period: (inputs, state) => (outputs, state). The outputs are the program's own values.",
+        f"void {name}_step({name}_state* state, const float inputs[{input_dimension(unit)}], "
+        f"float outputs[{name}_noutput]);",
+        "",
+        "// Make outputs fit to be commanded: a NaN becomes neutral, the rest is clamped to its limits.",
+        f"void {name}_clamp(float outputs[{name}_noutput]);",
+        "",
+        "// Check this build on this machine against the recorded answers of the reference. Returns 0: the same bits;",
+        "// n > 0: step n of the recording differs; -1: subnormals are flushed to zero; -2: products are fused with",
+        "// sums; -3: rounding is not to nearest even; -4: the clamp is wrong.",
+        f"int32_t {name}_selftest(void);",
+        "",
+    ]
+
+
+def _number(value: float) -> str:
+    return format_decimal(np.float32(value))
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9/*^%. -]", "?", text)
