@@ -1,0 +1,79 @@
+"""Open what a run talks through: a virtual rig in lock step, or real ports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from typing import TYPE_CHECKING, Any
+
+from controller.errors import InputError
+from controller.rig import Rig
+from deploy.clock import LockstepClock, RealClock
+from deploy.dynamixel_bus import DynamixelBus
+from deploy.period import Connection
+from deploy.port import SerialPort
+from deploy.sensor_port import SensorPort
+
+if TYPE_CHECKING:
+    from deploy.virtual_rig import VirtualRig
+
+
+@contextmanager
+def connect_virtual(virtual: VirtualRig, stop: Callable[[], str | None]) -> Iterator[Connection]:
+    """Connect to a virtual rig in this process, in lock step: the rig owns time.
+
+    Args:
+        virtual: the rig
+        stop: gives the reason why a person wants to stop, or None
+
+    Yields:
+        the connection
+    """
+    from deploy.lockstep import LockstepBench
+    from deploy.lockstep_port import LockstepPort
+
+    rig = virtual.rig
+
+    def witness() -> Mapping[str, Any]:
+        truth = virtual.truth()
+        return {
+            "base_pos": [float(value) for value in truth.base_pos],
+            "base_rpy": [float(value) for value in truth.base_rpy],
+            "feet_clearance_m": float(truth.feet_clearance_m),
+            "joint_rad": {j.name: float(value) for j, value in zip(rig.joints, truth.joint_rad, strict=True)},
+            "joint_vel": {j.name: float(value) for j, value in zip(rig.joints, truth.joint_vel, strict=True)},
+        }
+
+    with ExitStack() as stack:
+        bench = stack.enter_context(LockstepBench(virtual))
+        bus = stack.enter_context(closing(DynamixelBus(LockstepPort(bench, rig.bus.baud), _return_delay_s(rig))))
+        sensors = stack.enter_context(closing(SensorPort(bench.sensor_path))) if rig.sensors else None
+        yield Connection(bus, sensors, LockstepClock(bench), witness, stop)
+
+
+@contextmanager
+def connect_ports(rig: Rig, port: str, sensor_port: str | None, stop: Callable[[], str | None]) -> Iterator[Connection]:
+    """Connect to a rig in real time.
+
+    Args:
+        rig: the rig
+        port: device path or ``socket://HOST:PORT`` of the servo bus
+        sensor_port: the same of the sensor node, or None
+        stop: gives the reason why a person wants to stop, or None
+
+    Yields:
+        the connection
+
+    Raises:
+        InputError: if a port is missing, can not be opened or is in use
+    """
+    if rig.sensors and sensor_port is None:
+        raise InputError(f"rig {rig.name}: it has a sensor node; name its port with --sensor-port")
+    with ExitStack() as stack:
+        bus = stack.enter_context(closing(DynamixelBus(SerialPort(port, rig.bus.baud), _return_delay_s(rig))))
+        sensors = stack.enter_context(closing(SensorPort(sensor_port))) if sensor_port else None
+        yield Connection(bus, sensors, RealClock(), None, stop)
+
+
+def _return_delay_s(rig: Rig) -> float:
+    return 1e-6 * rig.bus.return_delay_us

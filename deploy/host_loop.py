@@ -1,0 +1,269 @@
+"""Run a controller on a rig: check, arm, home, run, and torque off on every way out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Final
+
+from controller.controller import Controller
+from controller.errors import RunError
+from controller.native import NativeCycle, pack_cycle
+from controller.rig import Rig
+from deploy.checks import Finding, Reading, check_sensors, check_servos
+from deploy.cycle_message import CycleStep, CycleWords
+from deploy.joint_counts import joint_angle, joint_count
+from deploy.log import RunLog
+from deploy.period import Connection, FaultError, Period, Periods, StopRunError
+from deploy.states import State, StateMachine
+from deploy.torque import hold, release, seed_goals, torque_on, write_settings
+
+_LISTEN_S: Final = 0.3
+_LISTEN_STEP_S: Final = 0.01
+_REST_PERIODS: Final = 10
+_REST_VELOCITY_COUNTS: Final = 2
+_REST_S_MAX: Final = 10.0
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Say what to run.
+
+    Args:
+        goal_dist: distance of the goal at the start [m]
+        goal_bearing: its direction from the heading at the start [rad]
+        seconds: length of the run [s]
+        arm: whether torque may be switched on; else the rig is only read
+        derate: part of the torque ceiling that is allowed, in (0, 1]
+    """
+
+    goal_dist: float
+    goal_bearing: float
+    seconds: float
+    arm: bool
+    derate: float
+
+
+@dataclass
+class Outcome:
+    """Say how a run went.
+
+    Args:
+        state: where it ended
+        reason: why it ended, one sentence
+        faulty: whether it ended by a fault
+        done: whether it did all that was asked for
+        touched: whether anything was written to the servos
+        readings: what the checks read
+        findings: what the checks found
+        cycles: control periods
+        missed_deadlines: periods that were not done in time
+        missed_replies: replies that were missing or corrupt while running
+        unsure: a sentence for each servo whose torque is not known to be off
+        pose: newest sensor values at the end of running, channel => SI
+        start_pose: the same at k = 0
+    """
+
+    state: State = State.OFF
+    reason: str = ""
+    faulty: bool = False
+    done: bool = False
+    touched: bool = False
+    readings: list[Reading] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    cycles: int = 0
+    missed_deadlines: int = 0
+    missed_replies: int = 0
+    unsure: list[str] = field(default_factory=list)
+    pose: Mapping[str, float] = field(default_factory=dict)
+    start_pose: Mapping[str, float] = field(default_factory=dict)
+
+
+def run_controller(link: Connection, rig: Rig, controller: Controller, options: RunOptions, log: RunLog) -> Outcome:
+    """Run a controller on a rig, from torque off to torque off.
+
+    Args:
+        link: what to talk through; the caller closes it
+        rig: the rig
+        controller: the controller
+        options: what to run
+        log: where everything is recorded; the caller closes it
+
+    Returns:
+        how it went; a fault is told there, not raised
+    """
+    cycle = pack_cycle(controller, rig)
+    periods = Periods(link, rig, controller, log)
+    outcome = Outcome()
+
+    def report(left: State, entered: State, reason: str) -> None:
+        text = f"{left.value} -> {entered.value}: {reason}"
+        periods.event("state", text, left=left.value, entered=entered.value, reason=reason)
+
+    def trace(direction: str, t: float, data: bytes) -> None:
+        log.write("/bus", periods.t(t), {"direction": direction, "hex": data.hex()})
+
+    link.bus.port.tap = trace
+    machine = StateMachine(report)
+    try:
+        _check(periods, machine, outcome)
+        if options.arm:
+            outcome.touched = True
+            _arm(periods, machine, options.derate)
+            _home(periods, machine)
+            _run(periods, machine, controller, cycle, options, outcome)
+        else:
+            outcome.reason = "every check passed; nothing was written, for --arm was not given"
+            outcome.done = True
+    except StopRunError as stop:
+        outcome.reason = f"stopped: {stop}"
+        periods.event("stop", outcome.reason)
+    except RunError as error:
+        outcome.reason = str(error)
+        outcome.faulty = True
+        periods.event("fault", outcome.reason)
+    finally:
+        # also when something unforeseen is on its way up
+        _leave(periods, machine, outcome)
+        link.bus.port.end_transaction()
+        link.bus.port.tap = None
+    return outcome
+
+
+def _check(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
+    """Read everything, write nothing."""
+    rig, clock = periods.rig, periods.clock
+    outcome.readings, outcome.findings = check_servos(periods.link.bus, rig)
+    until = clock.now() + _LISTEN_S
+    while periods.link.sensors is not None and clock.now() < until:
+        clock.sleep_until(clock.now() + _LISTEN_STEP_S)
+        periods.io.read_sensors()
+    outcome.findings += check_sensors(rig, periods.io.reader, periods.needed, clock.now())
+    for finding in outcome.findings:
+        periods.event("finding", f"{finding.level}: {finding.text}")
+    periods.heed_stop()
+    errors = [finding.text for finding in outcome.findings if finding.level == "error"]
+    if errors:
+        raise FaultError(errors[0] + (f" (and {len(errors) - 1} more findings)" if errors[1:] else ""))
+    machine.enter(State.CHECKED, "every servo is there, is the right one, and is well")
+
+
+def _arm(periods: Periods, machine: StateMachine, derate: float) -> None:
+    """Write settings and seed the goals; then torque on."""
+    bus, rig = periods.link.bus, periods.rig
+    write_settings(bus, rig, derate)
+    periods.heed_stop()
+    periods.goals = seed_goals(bus, rig)
+    machine.enter(State.ARMED, "settings are written and read back, goals are where the joints stand")
+    torque_on(bus, rig)
+
+
+def _home(periods: Periods, machine: StateMachine) -> None:
+    """Move slowly to neutral, then wait for rest and fresh sensors."""
+    machine.enter(State.HOMING, "torque is on")
+    rig = periods.rig
+    rate = rig.safety.homing_rad_s
+    start = periods.goals
+    neutral = tuple(joint_count(joint, joint.neutral_rad) for joint in rig.joints)
+    travel = [
+        abs(joint_angle(joint, a) - joint_angle(joint, b))
+        for joint, a, b in zip(rig.joints, start, neutral, strict=True)
+    ]
+    nmove = math.ceil(max(travel) / (rate * rig.period_s))
+    resting = 0
+    periods.start()
+    for k in range(nmove + math.ceil(_REST_S_MAX / rig.period_s)):
+        part = min(1.0, (k + 1) / max(1, nmove))
+        goals = [round(a + (b - a) * part) for a, b in zip(start, neutral, strict=True)]
+        done = periods.walk(k, partial(tuple, goals), rate)
+        if done.fault:
+            raise FaultError(done.fault)
+        periods.heed_stop()
+        resting = resting + 1 if k >= nmove and _at_rest(periods, done) else 0
+        if resting == _REST_PERIODS:
+            return
+    raise FaultError(
+        f"the rig did not come to rest in neutral within {_REST_S_MAX:g} s; look for what moves or blocks it"
+    )
+
+
+def _at_rest(periods: Periods, done: Period) -> bool:
+    ages = periods.io.ages_s()[3 * len(periods.rig.joints) :]
+    return (
+        all(reply.status == "data" for reply in done.replies.values())
+        and all(abs(count) <= _REST_VELOCITY_COUNTS for count in periods.io.velocity_counts())
+        and all(ages[number] <= periods.rig.sensors[number].age_s_max for number in periods.needed)
+    )
+
+
+def _run(
+    periods: Periods,
+    machine: StateMachine,
+    controller: Controller,
+    cycle: NativeCycle,
+    options: RunOptions,
+    outcome: Outcome,
+) -> None:
+    """Step the controller until the time is over."""
+    io = periods.io
+    stepped: list[CycleStep] = []
+
+    def aim() -> Sequence[int]:
+        ages = io.ages_s()
+        terminals, outputs, goals = cycle.step(options.goal_dist, options.goal_bearing, io.raw)
+        stepped[:] = [CycleStep(io.raw.copy(), ages, terminals, outputs, goals)]
+        return [int(goal) for goal in goals]
+
+    cycle.reset()
+    words = CycleWords(periods.rig, controller)
+    machine.enter(State.RUNNING, "at rest in neutral, sensors are fresh")
+    for k in range(round(options.seconds / periods.rig.period_s)):
+        done = periods.walk(k, aim, controller.slew_rad_s)
+        periods.log.write("/cycle", periods.t(done.started), words.message(k, stepped[0], done, periods.origin))
+        outcome.cycles = k + 1
+        outcome.missed_replies += sum(reply.status != "data" for reply in done.replies.values())
+        outcome.missed_deadlines += done.overran
+        outcome.pose = io.sensor_values()
+        outcome.start_pose = outcome.start_pose or outcome.pose
+        if periods.link.witness is not None:
+            periods.log.write("/truth", periods.t(), periods.link.witness())
+        if done.fault:
+            raise FaultError(done.fault)
+        periods.heed_stop()
+    outcome.reason = "the time is over"
+    outcome.done = True
+
+
+def _leave(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
+    """Take torque from every servo, or hand it over to hold after a run that was done; then end."""
+    try:
+        if outcome.faulty:
+            machine.enter(State.FAULT, outcome.reason)
+        elif machine.state not in (State.OFF, State.CHECKED):
+            machine.enter(State.STOPPING, outcome.reason or "something unforeseen happened")
+    finally:
+        if outcome.touched:
+            _unload(periods, outcome)
+    if outcome.unsure and machine.state is not State.FAULT:
+        outcome.faulty = True
+        outcome.reason = outcome.unsure[0]
+        machine.enter(State.FAULT, outcome.reason)
+    elif machine.state in (State.STOPPING, State.CHECKED):
+        machine.enter(State.OFF, outcome.reason)
+    outcome.state = machine.state
+
+
+def _unload(periods: Periods, outcome: Outcome) -> None:
+    bus, rig = periods.link.bus, periods.rig
+    if outcome.done and rig.safety.stop == "hold":
+        try:
+            hold(bus, rig)
+            periods.event("torque", "every servo holds its last goal")
+            return
+        except RunError as error:
+            periods.event("torque", str(error))
+    outcome.unsure = release(bus, rig)
+    for sentence in outcome.unsure or ["torque is off on every servo, as read back"]:
+        periods.event("torque", sentence)

@@ -1,0 +1,268 @@
+"""One period of a run: wait for its time, then read, aim, judge, write in the schedule's order.
+
+Homing and running differ only in who aims.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, TypeAlias
+
+from controller.controller import Controller
+from controller.errors import RunError
+from controller.registers import registers
+from controller.rig import Joint, Rig
+from controller.schedule import Transaction, TransactionKind, period, schedule_of
+from deploy.clock import Clock
+from deploy.dynamixel_bus import BusError, DynamixelBus, Reply
+from deploy.joint_counts import count_limits, joint_angle
+from deploy.log import RunLog
+from deploy.rig_io import RigIO
+from deploy.safety import (
+    Watch,
+    judge_hardware_error,
+    judge_health,
+    judge_replies,
+    judge_sensors,
+    judge_tilt,
+    judge_timing,
+    judge_tracking,
+    needed_sensors,
+)
+from deploy.sensor_port import SensorPort
+
+_HEALTH_FIELDS: Final[Mapping[str, str]] = {
+    "hardware_error_status": "hardware_error",
+    "present_input_voltage": "voltage_v",
+    "present_temperature": "temperature_c",
+}
+"""Register => field of `/health`."""
+
+
+class FaultError(RunError):
+    """Report that something persistent is wrong: the run must stop."""
+
+
+class StopRunError(Exception):
+    """Say that a person wants the run to stop."""
+
+
+@dataclass(frozen=True)
+class Connection:
+    """Hold what a run talks through.
+
+    Args:
+        bus: the servos
+        sensors: the sensor node's port, or None
+        clock: the time of both
+        witness: gives a virtual rig's truth for the log, or None; the loop never looks at it
+        stop: gives the reason why a person wants to stop, or None
+    """
+
+    bus: DynamixelBus
+    sensors: SensorPort | None
+    clock: Clock
+    witness: Callable[[], Mapping[str, Any]] | None
+    stop: Callable[[], str | None]
+
+
+Aim: TypeAlias = Callable[[], Sequence[int]]
+"""Gives the goals of a period [counts], (njoint,), once its data have been read."""
+
+
+@dataclass
+class Period:
+    """Hold what happened in one period.
+
+    Args:
+        late_s: start behind the schedule [s]
+        started: when it started [s]
+        read: when everything had been read [s]
+        aimed: when the goals were known [s]
+        ended: when they had been written [s]
+        replies: servo id => reply
+        written: when the goals were handed to the port [s], or None
+        overran: whether it was not done in its time
+        fault: the sentence that ends the run, or None
+    """
+
+    late_s: float
+    started: float
+    read: float = 0.0
+    aimed: float = 0.0
+    ended: float = 0.0
+    replies: dict[int, Reply] = field(default_factory=dict)
+    written: float | None = None
+    overran: bool = False
+    fault: str | None = None
+
+
+class Periods:
+    """Walk through a run's periods on an absolute schedule, keeping the rig's newest data and what has lasted.
+
+    Args:
+        link: what the run talks through
+        rig: the rig
+        controller: the controller, for the sensors that it needs
+        log: the run's log
+    """
+
+    def __init__(self, link: Connection, rig: Rig, controller: Controller, log: RunLog) -> None:
+        self.link = link
+        self.rig = rig
+        self.log = log
+        self.clock = link.clock
+        self.origin = link.clock.now()
+        self.io = RigIO(rig, link.bus, link.sensors, link.clock)
+        self.watch = Watch()
+        self.needed = needed_sensors(rig, controller)
+        self.goals: tuple[int, ...] = ()
+        self._schedule = schedule_of(rig)
+        self._begin = self.origin
+
+    def t(self, at: float | None = None) -> float:
+        """Return a time since the start of the run [s].
+
+        Args:
+            at: on the run's clock; None: now
+        """
+        return (self.clock.now() if at is None else at) - self.origin
+
+    def event(self, kind: str, text: str, **fields: str) -> None:
+        """Log an event.
+
+        Args:
+            kind: of event
+            text: one sentence
+            **fields: further fields of the message
+        """
+        self.log.write("/event", self.t(), {"kind": kind, "text": text, **fields})
+
+    def start(self) -> None:
+        """Let the first period start one period from now."""
+        self._begin = self.clock.now()
+
+    def walk(self, k: int, aim: Aim, rate_rad_s: float) -> Period:
+        """Wait for the next period's time and do what is due in it; a fault keeps the goals from being written.
+
+        Args:
+            k: number of the period
+            aim: gives the goals
+            rate_rad_s: largest rate that they should have [rad/s]; 0: any
+
+        Returns:
+            what happened
+        """
+        self._wait()
+        started = self.clock.now()
+        done = Period(started - self._begin, started)
+        goals: Sequence[int] = ()
+        for due in period(self._schedule, k):
+            if due.kind is TransactionKind.READ_STATE:
+                done.replies = self.io.read_servos(due.address, due.size)
+                self.io.read_sensors()
+                done.read = self.clock.now()
+            elif due.kind is TransactionKind.RUN_CYCLE:
+                goals = aim()
+                done.aimed = self.clock.now()
+                done.fault = self._judge(done.replies)
+            elif due.kind is TransactionKind.WRITE_GOALS:
+                done.fault = done.fault or self._refuse(goals, rate_rad_s)
+                if done.fault is None:
+                    self.goals = tuple(int(goal) for goal in goals)
+                    done.written = self.io.write_goals(self.goals, due.address)
+                done.ended = self.clock.now()
+            elif done.fault is None:
+                done.fault = self._look_after_health(due)
+        done.overran = self.clock.now() > self._begin + self.rig.period_s
+        done.fault = done.fault or judge_timing(self.rig, self.watch, done.overran)
+        return done
+
+    def _wait(self) -> None:
+        # a period that is more than one period late makes all later ones late by whole periods: no catching up
+        self._begin += self.rig.period_s
+        behind = self.clock.now() - self._begin
+        if behind > self.rig.period_s:
+            self._begin += self.rig.period_s * math.floor(behind / self.rig.period_s)
+        self.clock.sleep_until(self._begin)
+
+    def heed_stop(self) -> None:
+        """Raise if a person wants the run to stop.
+
+        Raises:
+            StopRunError: with the reason
+        """
+        reason = self.link.stop()
+        if reason is None and self.io.reader.emergency_stop:
+            reason = "the sensor node sent an emergency stop"
+        if reason is not None:
+            raise StopRunError(reason)
+
+    def _judge(self, replies: Mapping[int, Reply]) -> str | None:
+        """Return the sentence of a fault that this period's data show, or None."""
+        rig, watch, io = self.rig, self.watch, self.io
+        ages = io.ages_s()[3 * len(rig.joints) :]
+        goals = [joint_angle(joint, goal) for joint, goal in zip(rig.joints, self.goals, strict=True)]
+        return (
+            judge_replies(rig, watch, replies)
+            or self._alerts(replies)
+            or judge_sensors(rig, watch, self.needed, ages)
+            or judge_tracking(rig, watch, self.clock.now(), goals, io.angles_rad())
+            or self._tilt(ages)
+        )
+
+    def _refuse(self, goals: Sequence[int], rate_rad_s: float) -> str | None:
+        """Take a last look at limits and rate, which those who aim should have kept; return what is wrong, or None."""
+        for joint, last, goal in zip(self.rig.joints, self.goals, goals, strict=True):
+            low, high = count_limits(joint)
+            step = abs(joint_angle(joint, goal) - joint_angle(joint, last))
+            step_max = rate_rad_s * self.rig.period_s + 2.0 * math.pi / joint.product.ticks_per_turn
+            if not low <= goal <= high:
+                return f"joint {joint.name}: goal {goal} is outside {low} to {high}; report this as a defect"
+            if rate_rad_s > 0.0 and step > 1.001 * step_max:
+                return (
+                    f"joint {joint.name}: goal {goal} is {step:.4f} rad from the last one, {step_max:.4f} rad are "
+                    "allowed; report this as a defect"
+                )
+        return None
+
+    def _look_after_health(self, due: Transaction) -> str | None:
+        """Read one servo's health registers; return the sentence of a fault, or None."""
+        joint = self.rig.joints[due.servo]
+        counts = self.io.read_health(due.servo, due.address, due.size)
+        if not counts:
+            return None
+        table = registers(joint.product)
+        health = {name: count * table[name].scale for name, count in counts.items()}
+        message = {word: round(health[name], 6) for name, word in _HEALTH_FIELDS.items() if name in health}
+        self.log.write("/health", self.t(), {"joint": joint.name, "id": joint.id, **message})
+        if "hardware_error_status" in counts:
+            return judge_hardware_error(joint, counts["hardware_error_status"])
+        return judge_health(self.rig, self.watch, joint, health["present_input_voltage"], health["present_temperature"])
+
+    def _alerts(self, replies: Mapping[int, Reply]) -> str | None:
+        for joint in self.rig.joints:
+            if replies[joint.id].alert:
+                fault = judge_hardware_error(joint, self._hardware_error(joint))
+                if fault:
+                    return fault
+        return None
+
+    def _hardware_error(self, joint: Joint) -> int:
+        register = registers(joint.product)["hardware_error_status"]
+        try:
+            return self.link.bus.read_register(joint.id, register)
+        except BusError:
+            return 0  # the alert comes again with the next reply
+
+    def _tilt(self, ages: Sequence[float]) -> str | None:
+        rig = self.rig
+        values = self.io.sensor_values()
+        number = {sensor.name: number for number, sensor in enumerate(rig.sensors)}
+        if not {"roll", "pitch"} <= number.keys():
+            return None
+        if any(ages[number[name]] > rig.sensors[number[name]].age_s_max for name in ("roll", "pitch")):
+            return None  # an old pose says nothing about now
+        return judge_tilt(rig, self.watch, values["roll"], values["pitch"])

@@ -1,0 +1,210 @@
+"""Decide when a run must stop: isolated glitches ride through, persistent ones stop.
+
+Each ``judge_…`` function looks at one thing for one period, keeps its count in `Watch`, and returns None or the
+sentence that ends the run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from controller.controller import Controller
+from controller.rig import Joint, Rig
+from deploy.dynamixel_bus import HARDWARE_ERRORS, Reply
+
+PERSISTENT: Final = 3
+"""A heat, voltage or tilt reading must come this often in a row before it counts."""
+
+_POSE_TERMINALS: Final = ("px", "py", "goal_met", "heading_error")
+
+
+@dataclass
+class Watch:
+    """Count what has lasted.
+
+    Args:
+        missed: servo id => periods in a row without a valid reply
+        stale: sensor => periods in a row with an old value
+        off_track_since: joint => since when goal and angle have been apart [s]
+        hot: servo id => readings in a row above the limit
+        low: servo id => readings in a row below the limit
+        tilted: periods in a row with too much tilt
+        overruns: periods in a row that were not done in time
+    """
+
+    missed: dict[int, int] = field(default_factory=dict)
+    stale: dict[str, int] = field(default_factory=dict)
+    off_track_since: dict[str, float] = field(default_factory=dict)
+    hot: dict[int, int] = field(default_factory=dict)
+    low: dict[int, int] = field(default_factory=dict)
+    tilted: int = 0
+    overruns: int = 0
+
+
+def needed_sensors(rig: Rig, controller: Controller) -> frozenset[int]:
+    """Return the numbers of the sensors that must stay fresh: those that the controller or the tilt guard reads.
+
+    Args:
+        rig: the rig
+        controller: the controller
+    """
+    terminals = {terminal.name for terminal in controller.inputs}
+    names: set[str] = set()
+    if terminals & set(_POSE_TERMINALS):
+        names |= {"x", "y", "heading"}
+    if "pz" in terminals:
+        names.add("z")
+    if rig.safety.tilt_rad_max > 0.0:
+        names |= {"roll", "pitch"}
+    return frozenset(
+        number for number, sensor in enumerate(rig.sensors) if sensor.name in names or sensor.terminal in terminals
+    )
+
+
+def judge_replies(rig: Rig, watch: Watch, replies: Mapping[int, Reply]) -> str | None:
+    """Stop when one servo has been silent for too many periods.
+
+    Args:
+        rig: the rig
+        watch: counts
+        replies: servo id => its reply of this period
+    """
+    for joint in rig.joints:
+        reply = replies[joint.id]
+        watch.missed[joint.id] = 0 if reply.status == "data" else watch.missed.get(joint.id, 0) + 1
+        if watch.missed[joint.id] > rig.safety.missed_cycles_max:
+            said = {
+                "missing": "gave no reply",
+                "corrupt": "gave only corrupt replies",
+                "refused": f"refused to be read ({reply.refusal})",
+            }[reply.status]
+            return f"{_named(joint)} {said} for {watch.missed[joint.id]} periods; check its cable and its power"
+    return None
+
+
+def judge_hardware_error(joint: Joint, status: int) -> str | None:
+    """Stop when a servo reports a hardware error: it has switched its own torque off.
+
+    Args:
+        joint: the joint
+        status: its hardware error status
+    """
+    if not status:
+        return None
+    names = [name for bit, name in HARDWARE_ERRORS.items() if status >> bit & 1] or [f"bits 0x{status:02x}"]
+    return (
+        f"{_named(joint)} reports a hardware error ({', '.join(names)}) and has switched its torque off; remove the "
+        "cause, then reboot the servo or switch it off and on"
+    )
+
+
+def judge_sensors(rig: Rig, watch: Watch, needed: frozenset[int], ages_s: Sequence[float]) -> str | None:
+    """Stop when a sensor that is needed has been old for too many periods.
+
+    Args:
+        rig: the rig
+        watch: counts
+        needed: numbers of the sensors that matter
+        ages_s: age of each sensor's value [s], (nsensor,)
+    """
+    for number in sorted(needed):
+        sensor = rig.sensors[number]
+        fresh = ages_s[number] <= sensor.age_s_max
+        watch.stale[sensor.name] = 0 if fresh else watch.stale.get(sensor.name, 0) + 1
+        if watch.stale[sensor.name] > rig.safety.missed_cycles_max:
+            return (
+                f"sensor {sensor.name} (lines ${sensor.message}) has given nothing new for {ages_s[number]:.2f} s, "
+                f"{sensor.age_s_max:g} s are allowed; check the sensor node and its cable"
+            )
+    return None
+
+
+def judge_tracking(
+    rig: Rig, watch: Watch, now: float, goals_rad: Sequence[float], angles_rad: Sequence[float]
+) -> str | None:
+    """Stop when a joint has been far from its goal for too long.
+
+    Args:
+        rig: the rig
+        watch: counts
+        now: time [s]
+        goals_rad: goals in force, (njoint,)
+        angles_rad: angles, (njoint,)
+    """
+    for joint, goal, angle in zip(rig.joints, goals_rad, angles_rad, strict=True):
+        if abs(goal - angle) <= rig.safety.tracking_rad_max:
+            watch.off_track_since.pop(joint.name, None)
+            continue
+        since = watch.off_track_since.setdefault(joint.name, now)
+        if now - since > rig.safety.tracking_s_max:
+            return (
+                f"{_named(joint)} has been {abs(goal - angle):.2f} rad from its goal for {now - since:.2f} s; "
+                "look for something that blocks it"
+            )
+    return None
+
+
+def judge_tilt(rig: Rig, watch: Watch, roll: float, pitch: float) -> str | None:
+    """Stop when the base has fallen over.
+
+    Args:
+        rig: the rig
+        watch: counts
+        roll: of the base [rad]
+        pitch: of the base [rad]
+    """
+    tilt = math.acos(math.cos(roll) * math.cos(pitch))
+    watch.tilted = watch.tilted + 1 if 0.0 < rig.safety.tilt_rad_max < tilt else 0
+    if watch.tilted >= PERSISTENT:
+        return f"the base has fallen: it tilts {tilt:.2f} rad, {rig.safety.tilt_rad_max:g} are allowed; set it upright"
+    return None
+
+
+def judge_health(rig: Rig, watch: Watch, joint: Joint, voltage_v: float, temperature_c: float) -> str | None:
+    """Stop when a servo is too hot or its supply too low.
+
+    Args:
+        rig: the rig
+        watch: counts
+        joint: the joint
+        voltage_v: input voltage [V]
+        temperature_c: [degrees Celsius]
+    """
+    safety = rig.safety
+    watch.hot[joint.id] = watch.hot.get(joint.id, 0) + 1 if temperature_c > safety.temperature_c_max else 0
+    watch.low[joint.id] = watch.low.get(joint.id, 0) + 1 if voltage_v < safety.voltage_low_v else 0
+    if watch.hot[joint.id] >= PERSISTENT:
+        return (
+            f"{_named(joint)} is at {temperature_c:g} degrees Celsius, {safety.temperature_c_max:g} are allowed; "
+            "let it cool, and lower gains or torque ceiling"
+        )
+    if watch.low[joint.id] >= PERSISTENT:
+        return (
+            f"{_named(joint)} gets {voltage_v:g} V, {safety.voltage_low_v:g} V are needed; charge the battery, or use "
+            "shorter or thicker wires"
+        )
+    return None
+
+
+def judge_timing(rig: Rig, watch: Watch, overran: bool) -> str | None:
+    """Stop when too many periods in a row were not done in time.
+
+    Args:
+        rig: the rig
+        watch: counts
+        overran: whether this one was not
+    """
+    watch.overruns = watch.overruns + 1 if overran else 0
+    if watch.overruns > rig.safety.overrun_cycles_max:
+        return (
+            f"{watch.overruns} periods in a row took longer than {rig.period_s:g} s; set the adapter's latency timer "
+            "to 1 ms, free the processor, or use --realtime"
+        )
+    return None
+
+
+def _named(joint: Joint) -> str:
+    return f"joint {joint.name} (servo {joint.id})"
