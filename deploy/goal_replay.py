@@ -1,0 +1,180 @@
+"""Replay commanded goals in simulation, each at the time at which it reached the servos, and sample the body."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from controller.rig import Rig
+from deploy.comparison import Array, Track
+
+if TYPE_CHECKING:
+    import mujoco
+
+STEP_S_MAX = 0.001
+"""Largest simulation step; steps shrink so that one ends at every goal and every sample [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class GoalWrites:
+    """Hold goals and when they reached the servos.
+
+    Args:
+        time_s: ascending [s], (ngoal,)
+        angle_rad: goal angles [rad], (ngoal, njoint)
+    """
+
+    time_s: Array
+    angle_rad: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SampleTimes:
+    """Say when to look.
+
+    Args:
+        joint_s: at the joints, ascending [s], (nsample,)
+        pose_s: at the base, ascending [s], (npose,)
+        force_s: at the contact force, ascending [s], (nforce,)
+    """
+
+    joint_s: Array
+    pose_s: Array
+    force_s: Array
+
+
+def replay_goals(
+    rig: Rig, start_rad: Sequence[float], held_rad: Sequence[float], goals: GoalWrites, samples: SampleTimes
+) -> Track:
+    """Drive the rig's nominal simulation, base free, with logged goals; it sees nothing else of the run.
+
+    The body stands from `start_rad` under the goals `held_rad` until it has settled on its feet; there time 0 begins.
+
+    Args:
+        rig: the rig, with the gains that its servos were given
+        start_rad: joint angles at time 0 [rad], (njoint,)
+        held_rad: goals standing at the servos at time 0 [rad], (njoint,)
+        goals: those that follow
+        samples: when to look
+
+    Returns:
+        what the simulation did, in the frame of its start
+    """
+    # MuJoCo is not on every machine that drives servos
+    from sim_models.body import build_model
+
+    body = _Body(build_model(rig, form="free", timestep_s=STEP_S_MAX), rig)
+    body.stand(start_rad, held_rad)
+
+    # samples first: what arrives at an instant acts from then on
+    looks = (samples.joint_s, samples.pose_s, samples.force_s, goals.time_s)
+    agenda = sorted((float(t), kind, index) for kind, times in enumerate(looks) for index, t in enumerate(times))
+    joint_rad = np.empty((len(samples.joint_s), len(rig.joints)))
+    position_m = np.empty((len(samples.pose_s), 3))
+    tilt_rad, clearance_m = np.empty((2, len(samples.pose_s)))
+    force_n = np.empty(len(samples.force_s))
+    for t, kind, index in agenda:
+        body.advance(t)
+        if kind == 0:
+            joint_rad[index] = body.joint_rad()
+        elif kind == 1:
+            position_m[index], tilt_rad[index], clearance_m[index] = body.base()
+        elif kind == 2:
+            force_n[index] = body.force_n()
+        else:
+            body.aim(goals.angle_rad[index])
+    return Track(joint_rad, position_m, tilt_rad, clearance_m, force_n)
+
+
+class _Body:
+    """The simulated body, moved to exact times."""
+
+    def __init__(self, model: mujoco.MjModel, rig: Rig) -> None:
+        import mujoco
+
+        from sim_models.body import body_layout
+
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._layout = body_layout(model, rig)
+        self._t = 0.0
+        self._start = (0.0, 0.0, 0.0)
+
+    def stand(self, start_rad: Sequence[float], held_rad: Sequence[float]) -> None:
+        """Settle on the feet, then begin."""
+        import mujoco
+
+        from sim_models.body import SETTLE_S, base_pose
+
+        self._data.qpos[self._layout.qpos] = start_rad
+        self.aim(held_rad)
+        mujoco.mj_step(self._model, self._data, round(SETTLE_S / STEP_S_MAX))
+        self._data.qvel[:] = 0.0
+        self._data.qacc_warmstart[:] = 0.0
+        mujoco.mj_forward(self._model, self._data)
+        pose = base_pose(self._model, self._data)
+        self._start = (pose.x, pose.y, pose.heading)
+
+    def aim(self, goal_rad: Sequence[float] | Array) -> None:
+        """Let goals arrive at the servos."""
+        self._data.ctrl[self._layout.actuator] = goal_rad
+
+    def advance(self, t: float) -> None:
+        """Step to a time: in equal steps, the last of which ends there."""
+        import mujoco
+
+        nstep = math.ceil((t - self._t) / STEP_S_MAX - 1e-6)
+        if nstep > 0:
+            self._model.opt.timestep = (t - self._t) / nstep
+            mujoco.mj_step(self._model, self._data, nstep)
+            self._t = t
+
+    def joint_rad(self) -> Array:
+        """Return the joints' angles [rad], (njoint,)."""
+        angles: Array = self._data.qpos[self._layout.qpos]
+        return angles
+
+    def base(self) -> tuple[Array, float, float]:
+        """Return position in the frame of the start [m], tilt [rad] and clearance of the lowest foot [m]."""
+        from sim_models.body import base_pose, clearance
+
+        pose = base_pose(self._model, self._data)
+        x, y = to_start_frame(np.array([pose.x]), np.array([pose.y]), self._start)
+        position = np.array([x[0], y[0], pose.z])
+        return position, tilt(pose.roll, pose.pitch), clearance(self._model, self._data, self._layout)
+
+    def force_n(self) -> float:
+        """Return the contact force on the base, as its load cell sums it [N]."""
+        from sim_models.body import base_force
+
+        return base_force(self._model, self._data)
+
+
+def to_start_frame(x: Array, y: Array, start: tuple[float, float, float]) -> tuple[Array, Array]:
+    """Express positions in the frame of the base at the start: x forward, y to the left.
+
+    Args:
+        x: [m], (n,)
+        y: [m], (n,)
+        start: x [m], y [m] and heading [rad] of the base at the start
+
+    Returns:
+        x and y in that frame [m], (n,) each
+    """
+    cosine, sine = math.cos(start[2]), math.sin(start[2])
+    forward, left = x - start[0], y - start[1]
+    return cosine * forward + sine * left, cosine * left - sine * forward
+
+
+def tilt(roll: float, pitch: float) -> float:
+    """Return the angle between the base's normal and the vertical [rad].
+
+    Args:
+        roll: about x [rad]
+        pitch: about y [rad]
+    """
+    return math.acos(max(-1.0, min(1.0, math.cos(roll) * math.cos(pitch))))
