@@ -1,0 +1,278 @@
+// figure7: a robot controller, written by servolve transpile; do not edit.
+//
+//   controller  figure7
+//   program     a6d9474c72a6eebd7b376ef9cd21d0058ec9a4fbde67b184898cdf29c4450ee6
+//   generator   1
+
+#include "figure7.h"
+
+#if figure7_GENERATOR != 1 || figure7_FINGERPRINT != 0x9ca0ff71
+#error "figure7.h and figure7.c are not of the same run: generate both again"
+#endif
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "this controller needs IEEE-754 arithmetic: compile without -ffast-math, -Ofast and -ffinite-math-only"
+#endif
+#if defined(__FLT_EVAL_METHOD__) && __FLT_EVAL_METHOD__ != 0 && __FLT_EVAL_METHOD__ != 16
+#error "this controller needs floats rounded to float: compile with -msse2 -mfpmath=sse, or for an FPU with float"
+#endif
+
+// a * b + c must round twice, also where the compiler's default is to fuse it (gcc -std=gnu11)
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+#pragma GCC optimize("fp-contract=off")
+#endif
+
+void figure7_init(figure7_state* state) {
+  state->s[0] = 0.0F;
+}
+
+void figure7_step(figure7_state* state, const float inputs[figure7_ninput], float outputs[figure7_noutput]) {
+  const float in_t = inputs[figure7_input_t];
+  const float in_a0 = inputs[figure7_input_a0];
+  const float in_a1 = inputs[figure7_input_a1];
+  const float in_a2 = inputs[figure7_input_a2];
+  const float in_s0 = inputs[figure7_input_s0];
+  const float in_px = inputs[figure7_input_px];
+  const float in_pz = inputs[figure7_input_pz];
+  const float in_vx = inputs[figure7_input_vx];
+  const float in_vz = inputs[figure7_input_vz];
+  (void)state;
+  const float v0 = in_a0 < 0.0F ? in_pz : in_a2;  // (ifltz a0 pz a2)
+  const float v1 = in_t == 0.0F ? 1.0F : in_a1 / in_t;  // (% a1 t)
+  const float v2 = v0 - v1;  // (- (ifltz a0 pz a2) (% a1 t))
+  const float v3 = in_a2 + 15.4962997F;  // (+ a2 15.4963)
+  const float v4 = in_a2 == 0.0F ? 1.0F : in_a1 / in_a2;  // (% a1 a2)
+  const float v5 = v3 < 0.0F ? v0 : v4;  // (ifltz (+ a2 15.4963) (ifltz a0 pz a2) (% a1 a2))
+  const float v6 = v2 - v5;  // (- (- (ifltz a0 pz a2) (% a1 t)) (ifltz (+ a2 15.4963) (ifltz a0 pz a2) (% a1 a2)))
+  const float v7 = in_s0 - in_vx;  // (- s0 vx)
+  const float v8 = in_a2 + in_s0;  // (+ a2 s0)
+  const float v9 = v8 == 0.0F ? 1.0F : v7 / v8;  // (% (- s0 vx) (+ a2 s0))
+  const float v10 = in_a1 - in_a1;  // (- a1 a1)
+  const float v11 = in_a1 - in_t;  // (- a1 t)
+  const float v12 = v10 + v11;  // (+ (- a1 a1) (- a1 t))
+  const float v13 = v9 < 0.0F ? v9 : v12;  // (ifltz (% (- s0 vx) (+ a2 s0)) (% (- s0 vx) (+ a2 s0)) (+ (- a1 a1) (- a1 t)))
+  const float v14 = in_a1 + in_vz;  // (+ a1 vz)
+  const float v15 = in_a1 * in_pz;  // (* a1 pz)
+  const float v16 = in_pz == 0.0F ? 1.0F : in_a0 / in_pz;  // (% a0 pz)
+  const float v17 = in_a0 == 0.0F ? 1.0F : in_px / in_a0;  // (% px a0)
+  const float v18 = v15 < 0.0F ? v16 : v17;  // (ifltz (* a1 pz) (% a0 pz) (% px a0))
+  const float v19 = v18 == 0.0F ? 1.0F : v14 / v18;  // (% (+ a1 vz) (ifltz (* a1 pz) (% a0 pz) (% px a0)))
+  const float v20 = v6 < 0.0F ? v13 : v19;  // (ifltz v6 v13 (% (+ a1 vz) (ifltz (* a1 pz) (% a0 pz) (% px a0))))
+  const float v21 = in_a0 == 0.0F ? 1.0F : in_vx / in_a0;  // (% vx a0)
+  const float v22 = in_vx == 0.0F ? 1.0F : in_vx / in_vx;  // (% vx vx)
+  const float v23 = v21 - v22;  // (- (% vx a0) (% vx vx))
+  const float v24 = in_t + (-28.4382F);  // (+ t -28.4382)
+  const float v25 = v24 - v1;  // (- (+ t -28.4382) (% a1 t))
+  const float v26 = v21 - v25;  // (- (% vx a0) (- (+ t -28.4382) (% a1 t)))
+  const float v27 = in_s0 * 16.5265999F;  // (* s0 16.5266)
+  const float v28 = v23 < 0.0F ? v26 : v27;  // (ifltz (- (% vx a0) (% vx vx)) (- (% vx a0) (- (+ t -28.4382) (% a1 t))) (* s0 16.5266))
+  const float v29 = in_s0 < 0.0F ? v28 : in_vz;  // (ifltz s0 v28 vz)
+  const float v30 = v29 - v14;  // (- (ifltz s0 v28 vz) (+ a1 vz))
+  outputs[figure7_output_a0] = v2;
+  outputs[figure7_output_a1] = v20;
+  outputs[figure7_output_a2] = v30;
+}
+
+static float figure7_limit(float value, float low, float high, float neutral) {
+  if (value != value) {
+    return neutral;
+  }
+  if (value < low) {
+    return low;
+  }
+  return value > high ? high : value;
+}
+
+void figure7_clamp(float outputs[figure7_noutput]) {
+  outputs[figure7_output_a0] = figure7_limit(outputs[figure7_output_a0], (-60.7000008F), 60.7000008F, 0.0F);
+  outputs[figure7_output_a1] = figure7_limit(outputs[figure7_output_a1], (-65.6999969F), 65.6999969F, 0.0F);
+  outputs[figure7_output_a2] = figure7_limit(outputs[figure7_output_a2], (-65.6999969F), 65.6999969F, 0.0F);
+}
+
+// the reference's inputs, as bits, step by step
+static const uint32_t figure7_recorded_inputs[24][figure7_ninput] = {
+    {0x40bbfec4U, 0xbf3defbbU, 0xbf847f8eU, 0xbd5c31efU, 0x413b146cU, 0xbeffc005U, 0x3ed4354aU, 0xbf97d778U,
+     0x3f8822c3U},
+    {0x40b5da44U, 0xbf77ef18U, 0x3f49e5d0U, 0xbf11302aU, 0x41ed05e5U, 0xbeec3010U, 0x3c495644U, 0xbf745adbU,
+     0xbf7a3324U},
+    {0x411b201bU, 0xbf37ca18U, 0x3f04e2d0U, 0x3efbe284U, 0x40492da6U, 0x3f353d2eU, 0x3ef9fe71U, 0xbf88e3fcU,
+     0x3f8093b4U},
+    {0x40d86087U, 0xbf1da6afU, 0xbf7e0a59U, 0xbe4715fdU, 0x4098718aU, 0xbf40242bU, 0x3f152c05U, 0xbfacd9faU,
+     0x3e9fc213U},
+    {0x40a0debdU, 0xbf48d739U, 0xbe11e9a0U, 0xbca3f57aU, 0x41712d26U, 0xbe987438U, 0x3e900ceaU, 0x3fe1681cU,
+     0xbf5ce107U},
+    {0x40e988ccU, 0xbf8199a4U, 0xbf8d7adcU, 0x3f4727faU, 0x413f8539U, 0x3f588d6bU, 0x3e060092U, 0xbff64cfcU,
+     0x3fddd7d0U},
+    {0x40af58d0U, 0x3f4578e2U, 0xbf46cb3eU, 0x3e6d6161U, 0x405549c4U, 0x3f44149aU, 0x3d8246b6U, 0xbf996b0fU,
+     0xbd9c4c0cU},
+    {0x3f970024U, 0xbf463028U, 0x3ebf175bU, 0xbe6fe7fbU, 0x4181952eU, 0x3f4611faU, 0x3eda07eeU, 0x3f8807e7U,
+     0x3fa98bc1U},
+    {0x409943faU, 0x3ef01e6cU, 0x3e438881U, 0x3d68554aU, 0x41a8915eU, 0xbf45e05eU, 0x3e9c4b63U, 0x3fbbc01cU,
+     0xbf8e2528U},
+    {0x411905a2U, 0x3d428aaaU, 0x3f4dcfbdU, 0x3e53918fU, 0x412279f8U, 0x3ea85c6aU, 0x3ef88192U, 0x3f352159U,
+     0xbeeb0ab6U},
+    {0x3f8ce6aaU, 0xbf47c938U, 0x3f8c935dU, 0xbe4fbda4U, 0x41512fb3U, 0xbf3ef9ccU, 0x3e98b707U, 0xbf140432U,
+     0xbfa559f1U},
+    {0x411aa4e5U, 0x3f25c89fU, 0x3f26e61aU, 0x3f1d6e57U, 0x41b9bb07U, 0x3f10bf3aU, 0x3d7f0fd1U, 0xbfdaccfdU,
+     0xbfa19fa3U},
+    {0x3ffee39fU, 0x3edf7efaU, 0x3f8d6c35U, 0xb4bc139dU, 0xc0400000U, 0x5799ccdcU, 0x00800000U, 0xbf800000U,
+     0xbe8b10afU},
+    {0x41029ee1U, 0x3eaf042dU, 0x3f83282aU, 0x3f285b52U, 0x40000000U, 0x3e7d92e5U, 0xc0400000U, 0x3e0f87c4U,
+     0x3fd05b54U},
+    {0x4086b348U, 0xbf668a9eU, 0x5127222cU, 0x88ab346bU, 0x41848337U, 0xbcca76d2U, 0x3ec06ec4U, 0x184b28f2U,
+     0xbfc8362aU},
+    {0x4044e9afU, 0x3b92a1adU, 0x3f837c5eU, 0xbf60cd3eU, 0x41b67de7U, 0xbf6e8412U, 0x40400000U, 0xbf23decdU,
+     0x3fccd476U},
+    {0x3fba72b7U, 0x070cd526U, 0xbf08c4c2U, 0x3f62cf36U, 0xeafac304U, 0x18fd21d2U, 0x7826e0caU, 0xbfd5cfd3U,
+     0x3fec0376U},
+    {0x4116f605U, 0x80000001U, 0xe59af060U, 0x3f3172e9U, 0x3f8cf091U, 0xbea3c581U, 0x3ee37735U, 0xbf9c3380U,
+     0xbf2d4ed5U},
+    {0x40000000U, 0xbf208658U, 0x807fffffU, 0xbe97e96dU, 0x188809e7U, 0x3eef1101U, 0xbd28f794U, 0x3f9508b5U,
+     0x00000000U},
+    {0x3fd705e2U, 0x54c9533eU, 0x3f41e5fcU, 0xdf8ab10eU, 0x80000001U, 0xeb2931caU, 0x40400000U, 0x007fffffU,
+     0x3f3d2026U},
+    {0xf60c9f22U, 0xbd29d50fU, 0xb9447473U, 0xbf8a6ec8U, 0x40ad1fd4U, 0xbdf7bc86U, 0x696cd03eU, 0x81330e53U,
+     0x00000001U},
+    {0x007fef3cU, 0xbe2ecf4dU, 0x9d797f40U, 0xc0000000U, 0x40b425f5U, 0xc0000000U, 0x3ec33228U, 0x653fad3dU,
+     0x00000000U},
+    {0x40782bfaU, 0x3f86ad52U, 0xbf33cb47U, 0xbf800000U, 0xc6000001U, 0xbeab9dd1U, 0x3dc3a6caU, 0x3f8c365bU,
+     0x3f0d950eU},
+    {0x40e51c9eU, 0x3f20759dU, 0xbe9f7925U, 0xbe73c7aaU, 0x416ec4ccU, 0x3f22bfd1U, 0x3f0b65c2U, 0xbf226f6bU,
+     0xe57c55bbU},
+};
+
+// the reference's outputs, as bits, step by step
+static const uint32_t figure7_recorded_outputs[24][figure7_noutput] = {
+    {0x3f173606U, 0xc0dd1ea8U, 0x3f847f8eU},
+    {0xbe018689U, 0xbecad126U, 0xbf49e5d0U},
+    {0x3ede94e2U, 0xc112d1eeU, 0xbf04e2d0U},
+    {0x3f3abdf3U, 0xc0f821d2U, 0x3f7e0a5aU},
+    {0x3e9e9013U, 0xc0a56e0aU, 0x3e11e9a4U},
+    {0x3e908bd0U, 0xbda62f7eU, 0x3f8d7adcU},
+    {0x3ebf3f86U, 0xbd900986U, 0x3f46cb3eU},
+    {0x3de03014U, 0xbfd972b5U, 0xbebf175cU},
+    {0x3c8a1102U, 0xc09327b6U, 0xbe438880U},
+    {0x3dfafad3U, 0xc10c28a6U, 0xbf4dcfbdU},
+    {0xbf330d24U, 0xbe4f596eU, 0xbf8c935dU},
+    {0x3f0c29c1U, 0xc1103683U, 0xbf26e61aU},
+    {0xbf0e0a04U, 0x269afd12U, 0x41bf0551U},
+    {0x3f0839b0U, 0xc0e473b8U, 0xbf83282aU},
+    {0xd01ed1e3U, 0x53be4facU, 0xd127222cU},
+    {0xbf9b22cfU, 0xc0032b80U, 0xbf837c5eU},
+    {0x3fa05a0dU, 0x3f800000U, 0xf8425451U},
+    {0x64035f77U, 0x7f800000U, 0x659af060U},
+    {0xbd28f794U, 0xc0000000U, 0x007fffffU},
+    {0xdf8ab10eU, 0xa963e17eU, 0x41cdb446U},
+    {0x696cd03eU, 0x6588f7ccU, 0x39447473U},
+    {0x5c799ff2U, 0x1e0b4beeU, 0x1d797f40U},
+    {0xbf51a237U, 0xc0928f66U, 0xc8043671U},
+    {0xbe473b96U, 0xc0ef1430U, 0x00000000U},
+};
+
+static float figure7_float(uint32_t bits) {
+  union {
+    uint32_t u;
+    float f;
+  } word;
+  // volatile: the check must run on the machine, not in the compiler
+  volatile uint32_t unknown = bits;
+  word.u = unknown;
+  return word.f;
+}
+
+// same bits; all NaNs are equal
+static int32_t figure7_same(float value, uint32_t bits) {
+  union {
+    uint32_t u;
+    float f;
+  } word;
+  word.f = value;
+  if (value != value) {
+    return bits == 0x7fc00000U;
+  }
+  return word.u == bits;
+}
+
+static int32_t figure7_arithmetic(void) {
+  const float smallest_normal = figure7_float(0x00800000U);
+  const float half = figure7_float(0x3f000000U);
+  const float one = figure7_float(0x3f800000U);
+  const float factor = figure7_float(0x3f800800U);  // 1 + 2^-12
+  const float square = figure7_float(0xbf801000U);  // -(1 + 2^-11), that squared and rounded, negated
+  const float half_unit = figure7_float(0x33800000U);  // 2^-24, half a unit in the last place of 1
+  const float three_halves = figure7_float(0x34400000U);  // 3 * 2^-24, one and a half units of 1
+  float y;
+  y = smallest_normal * half;
+  if (!figure7_same(y, 0x00400000U)) {
+    return -1;
+  }
+  y = figure7_float(0x00400000U);
+  y = y / half;
+  if (!figure7_same(y, 0x00800000U)) {
+    return -1;
+  }
+  y = one + half_unit;
+  if (!figure7_same(y, 0x3f800000U)) {
+    return -3;
+  }
+  y = one + three_halves;
+  if (!figure7_same(y, 0x3f800002U)) {
+    return -3;
+  }
+  y = factor * factor;
+  y = y + square;
+  return figure7_same(y, 0x00000000U) ? 0 : -2;
+}
+
+static int32_t figure7_clamps(uint32_t bits, const float expected[figure7_noutput]) {
+  float outputs[figure7_noutput];
+  int32_t i;
+  for (i = 0; i < figure7_noutput; i++) {
+    outputs[i] = figure7_float(bits);
+  }
+  figure7_clamp(outputs);
+  for (i = 0; i < figure7_noutput; i++) {
+    if (!(outputs[i] == expected[i])) {
+      return 0;
+    }
+  }
+  return 1;
+}
+
+static int32_t figure7_clamp_check(void) {
+  static const float low[figure7_noutput] = {(-60.7000008F), (-65.6999969F), (-65.6999969F)};
+  static const float high[figure7_noutput] = {60.7000008F, 65.6999969F, 65.6999969F};
+  static const float neutral[figure7_noutput] = {0.0F, 0.0F, 0.0F};
+  return figure7_clamps(0xff800000U, low) && figure7_clamps(0x7f800000U, high) &&
+         figure7_clamps(0x7fc00000U, neutral);
+}
+
+int32_t figure7_selftest(void) {
+  figure7_state state;
+  float inputs[figure7_ninput];
+  float outputs[figure7_noutput];
+  int32_t step;
+  int32_t i;
+  const int32_t status = figure7_arithmetic();
+  if (status != 0) {
+    return status;
+  }
+  figure7_init(&state);
+  for (step = 0; step < 24; step++) {
+    if (step == 12) {
+      figure7_init(&state);
+    }
+    for (i = 0; i < figure7_ninput; i++) {
+      inputs[i] = figure7_float(figure7_recorded_inputs[step][i]);
+    }
+    figure7_step(&state, inputs, outputs);
+    for (i = 0; i < figure7_noutput; i++) {
+      if (!figure7_same(outputs[i], figure7_recorded_outputs[step][i])) {
+        return step + 1;
+      }
+    }
+  }
+  return figure7_clamp_check() ? 0 : -4;
+}

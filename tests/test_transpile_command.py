@@ -1,0 +1,93 @@
+"""`servolve transpile`: what it writes, what it checks, and what it refuses."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from servolve.cli import main
+
+FIGURE7 = Path(__file__).parent / "golden" / "figure7.controller.toml"
+
+BROKEN_COMPILER = """#!/bin/sh
+# a compiler that gets one constant of the program wrong
+sed -i 's/in_t + (-28.4382F)/in_t + (-28.4F)/' *.c
+exec {compiler} "$@"
+"""
+
+
+def test_writes_header_source_and_report(tmp_path, capsys):
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path / "c")]) == 0
+    files = ["figure7.c", "figure7.h", "figure7.report.md"]
+    assert sorted(path.name for path in (tmp_path / "c").iterdir()) == files
+    assert sorted(Path(line).name for line in capsys.readouterr().out.split()) == files
+
+
+def test_check_compares_every_build(tmp_path, capsys):
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path), "--name", "lamp", "--check", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert [(row["compiler"], row["flags"]) for row in result["check"]] == [
+        ("gcc", "-O0"),
+        ("gcc", "-O3"),
+        ("clang", "-O0"),
+        ("clang", "-O3"),
+    ]
+    for row in result["check"]:
+        assert row["selftest"] == row["vm_differences"] == row["reference_differences"] == 0
+        assert row["steps"] == 10_000 and row["reference_steps"] > 0
+    assert [Path(file).name for file in result["files"]] == ["lamp.h", "lamp.c", "lamp.report.md"]
+
+
+def test_check_prints_a_table(tmp_path, capsys):
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path), "--check"]) == 0
+    out = capsys.readouterr().out
+    for build in ("gcc -O0", "gcc -O3", "clang -O0", "clang -O3"):
+        assert build in out
+
+
+def test_check_fails_with_a_compiler_that_gets_a_constant_wrong(tmp_path, capsys, monkeypatch):
+    wrapper = tmp_path / "bin" / "clang"
+    wrapper.parent.mkdir()
+    wrapper.write_text(BROKEN_COMPILER.format(compiler=shutil.which("clang")))
+    wrapper.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{wrapper.parent}{os.pathsep}{os.environ['PATH']}")
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path / "c"), "--check", "--json"]) == 1
+    captured = capsys.readouterr()
+    rows = json.loads(captured.out.splitlines()[-1])["check"]
+    assert [row["vm_differences"] > 0 for row in rows] == [False, False, True, True]
+    assert [row["reference_differences"] > 0 for row in rows] == [False, False, True, True]
+    assert "clang -O0, clang -O3" in captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "sentence"),
+    [
+        ([str(FIGURE7), "--name", "a-b"], 2, "--name 'a-b' is not a C identifier"),
+        ([str(FIGURE7), "--name", "stdint"], 2, "would hide the C header <stdint.h>"),
+        (["no-such.controller.toml"], 2, "no-such.controller.toml"),
+        ([str(FIGURE7.parent)], 2, "best.controller.toml"),
+        ([], 2, "transpile"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments, status, sentence, tmp_path, capsys):
+    assert main(["transpile", *arguments, "--out", str(tmp_path / "c")]) == status
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert error.count("\n") == 1 and "Traceback" not in error
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_folder_that_can_not_be_made_is_named(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path / "file")]) == 1
+    assert f"{tmp_path / 'file'}" in capsys.readouterr().err
+
+
+def test_without_any_compiler_check_says_what_to_install(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path / "c"), "--check"]) == 2
+    assert "install one: apt-get install gcc" in capsys.readouterr().err
+    report = (tmp_path / "c" / "figure7.report.md").read_text()
+    assert "Not measured: there is no cc here." in report
