@@ -91,6 +91,7 @@ def _compare(log: Log, rig: Rig) -> Comparison:
     apart = np.linalg.norm(position - sim.position_m, axis=1)
     return Comparison(
         log=log.path,
+        complete=log.complete,
         rig=rig,
         controller_text=log_text(log, "controller_text"),
         meta=log.meta,
@@ -125,8 +126,12 @@ def _rig_as_run(log: Log) -> Rig:
 def _wire_ends(log: Log, instruction: int, rig: Rig) -> Array:
     """Return when the packet with an instruction had ended on the wire in each cycle [s], (ncycle,).
 
-    Where the bus was not logged, the cycle's own times stand in: its start, and the hand-over of its goals.
+    Where the bus was not logged, the cycle's own times stand in, when it began and when it handed its goals over, and
+    the length that such a packet has.
     """
+    nservo = len(rig.joints)
+    stand_in, usual_nbyte = ("t", 14 + nservo) if instruction == _SYNC_READ else ("t_write", 14 + 5 * nservo)
+    byte_s = _BITS_PER_BYTE / rig.bus.baud
     sent = [
         (float(frame["t"]), len(frame["hex"]) // 2)
         for frame in log.messages.get("/bus", ())
@@ -134,16 +139,15 @@ def _wire_ends(log: Log, instruction: int, rig: Rig) -> Array:
         and int(frame["hex"][2 * _INSTRUCTION : 2 * _INSTRUCTION + 2] or "0", 16) == instruction
     ]
     starts = [float(cycle["t"]) for cycle in log.cycles] + [math.inf]
-    stand_in = "t" if instruction == _SYNC_READ else "t_write"
     ends, index = [], 0
     for cycle, start, end in zip(log.cycles, starts, starts[1:], strict=False):
         while index < len(sent) and sent[index][0] < start - 1e-6:
             index += 1
         if index < len(sent) and sent[index][0] < end - 1e-6:
             t, nbyte = sent[index]
-            ends.append(t + nbyte * _BITS_PER_BYTE / rig.bus.baud)
+            ends.append(t + nbyte * byte_s)
         else:
-            ends.append(math.nan if cycle[stand_in] is None else float(cycle[stand_in]))
+            ends.append(math.nan if cycle[stand_in] is None else float(cycle[stand_in]) + usual_nbyte * byte_s)
     return np.array(ends)
 
 

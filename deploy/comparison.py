@@ -109,6 +109,7 @@ class Comparison:
 
     Args:
         log: file that was compared
+        complete: whether that file was closed properly
         rig: as embedded in the log
         controller_text: as embedded in the log
         meta: what else the log says of itself (versions, goal, twin…)
@@ -130,6 +131,7 @@ class Comparison:
     """
 
     log: Path
+    complete: bool
     rig: Rig
     controller_text: str
     meta: Mapping[str, Any]

@@ -192,7 +192,8 @@ def _lead(found: Comparison) -> str:
         goal = f" · goal {number(found.goal_m[0], 'cm', 100.0)} ahead{aside}"
     twin = " · with a twin" if found.meta.get("twin") else ""
     seconds = number(float(found.time_s[-1]), "s")
-    return f"{found.log.name}{goal} · {seconds} at {1 / found.timing.period_s:.0f}{NARROW}Hz{twin}"
+    end = "" if found.complete else " · the log ends abruptly"
+    return f"{found.log.name}{goal} · {seconds} at {1 / found.timing.period_s:.0f}{NARROW}Hz{twin}{end}"
 
 
 def _verdict(found: Comparison) -> str:
