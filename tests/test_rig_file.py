@@ -1,0 +1,180 @@
+"""Rig files: what ships loads, and every mistake is one sentence with file, place and remedy."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller.errors import InputError
+from controller.rig_file import load_rig, parse_rig, rig_names
+
+LAMP = load_rig("lamp-xc330")
+
+
+@pytest.fixture
+def broken(tmp_path):
+    """Return a function that writes the lamp's rig file with a change, and gives the sentence of its error."""
+    (tmp_path / LAMP.body.name).write_text("<mujoco/>")
+
+    def sentence(old, new, count=1):
+        assert old in LAMP.text
+        return error_of(tmp_path, LAMP.text.replace(old, new, count))
+
+    return sentence
+
+
+def error_of(folder, text):
+    path = folder / "mine.rig.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(InputError) as caught:
+        load_rig(path)
+    message = str(caught.value)
+    assert message.startswith(str(path)), message
+    assert "\n" not in message
+    return message.removeprefix(str(path))
+
+
+@pytest.mark.parametrize("name", rig_names())
+def test_a_shipped_rig_loads_and_holds_what_its_file_says(name):
+    rig = load_rig(name)
+    file = tomllib.loads(rig.text)
+    assert rig.name == name
+    assert rig.path.name == f"{name}.rig.toml"
+    assert load_rig(rig.path) == rig
+    assert load_rig(str(rig.path)) == rig
+    assert parse_rig(rig.text, rig.path) == rig
+    for joint, table in zip(rig.joints, file["joint"], strict=True):
+        assert {key: getattr(joint, key) for key in table if key != "product"} == {
+            key: value for key, value in table.items() if key != "product"
+        }
+        assert joint.product.name == table["product"]
+    for sensor, table in zip(rig.sensors, file["sensor"], strict=True):
+        assert {key: getattr(sensor, key) for key in table} == table
+    for key, value in file["safety"].items():
+        assert getattr(rig.safety, key) == value
+    assert rig.nraw == 3 * len(rig.joints) + len(rig.sensors)
+
+
+def test_the_lamps_are_shipped():
+    assert {"lamp-xc330", "lamp-xl330"} <= set(rig_names())
+
+
+MISTAKES = [
+    ("id = 2", "id = 1", "joint 2 (a1): id 1 is used twice; give each servo its own id"),
+    ("low_rad = -1.147\n", "", "joint 2 (a1): low_rad is missing; add"),
+    ("high_rad = 1.06\n", "", "joint 1 (a0): high_rad is missing; add"),
+    ("low_rad = -1.06", "low_rad = 2.0", "joint 1 (a0): low_rad 2 is not below high_rad 1.06"),
+    ("neutral_rad = 0.0", "neutral_rad = 3.0", "joint 1 (a0): neutral_rad 3 is outside -1.06 to 1.06"),
+    ('xc330-m181"', 'xc330-m811"', "product 'xc330-m811' is not known; did you mean 'xc330-m181'?"),
+    ("sign = -1", "sign = 0", "joint 3 (a2): sign 0 is neither 1 nor -1"),
+    ("zero_tick = 2048", "zero_tick = 4096", "zero_tick 4096 is out of range; write a whole number from 0 to 4095"),
+    ("zero_tick = 2048", "zero_tick = 100", "low_rad -1.06 is encoder tick -591, across the wrap"),
+    (
+        "baud = 1000000",
+        "baud = 500000",
+        "[bus]: baud 500000 is not offered by dynamixel-2.0 servos; choose one of 9600",
+    ),
+    ("period_s = 0.02", "period_s = 0", "[rig]: period_s 0 is not allowed; write a number above 0"),
+    ("period_s = 0.02", "period_s = nan", "[rig]: period_s is not finite"),
+    ("period_s = 0.02", f"period_s = 1{'0' * 400}", "[rig]: period_s is not finite"),
+    ("period_s = 0.02", "period_s = true", "period_s is true or false; write a number"),
+    ("pwm_limit = 885", "pwm_limt = 885", "joint 1 (a0): 'pwm_limt' is not known; did you mean 'pwm_limit'?"),
+    ("pwm_limit = 885", "pwm_limit = 886", "pwm_limit 886 is out of range; write a whole number from 1 to 885"),
+    ("p_gain = 1450", "p_gain = 1450.5", "p_gain is the number 1450.5; write a whole number"),
+    ("[[joint]]", "[[joints]]", "top level: 'joints' is not known; did you mean 'joint'?"),
+    ("format = 1", "format = 2", "format 2 is not known; this version reads `format = 1`"),
+    ("format = 1", "", "format is missing; add `format = 1`"),
+    ("id = 1\n", 'id = "1"\n', "id is the text '1'; write a whole number from 0 to 252"),
+    ("id = 1\n", "id = 253\n", "id 253 is out of range"),
+    ("[safety]", "[safe]", "'safe' is not known; did you mean 'safety'?"),
+    ("[bus]", "[[bus]]", "'bus' is a list; write a table [bus]"),
+    ('name = "a1"', 'name = "a0"', "joint 2 (a0): name a0 is used twice"),
+    ('name = "a1"', 'name = "px"', "joint 2 (px): name 'px' is the name of another terminal"),
+    ('name = "a1"', 'name = "a 1"', "name 'a 1' can not be a name"),
+    ('mjcf_joint = "a1"', 'mjcf_joint = "a0"', "mjcf_joint a0 is used twice"),
+    ('body = "lamp.xml"', 'body = "lmp.xml"', "body 'lmp.xml' is not a file beside the rig file"),
+    ("supply_v = 5.0", "supply_v = 12.0", "supply_v 12 is outside 3.5 to 7 V of xc330-m181"),
+    ("return_delay_us = 0", "return_delay_us = 3", "return_delay_us 3 is odd"),
+    ("watchdog_s = 0.1", "watchdog_s = 0.11", "watchdog_s 0.11 is no multiple of 0.02 s"),
+    ("watchdog_s = 0.1", "watchdog_s = 0.02", "watchdog_s 0.02 is not above the period"),
+    ("voltage_low_v = 4.2", "voltage_low_v = 5.5", "voltage_low_v 5.5 is not below supply_v 5"),
+    ("temperature_c_max = 65.0", "temperature_c_max = 90", "temperature_c_max 90 is above the servos' own shutdown"),
+    ('stop = "off"', 'stop = "of"', "stop 'of' is not known; did you mean 'off'?"),
+    ("field = 1", "field = 0", "sensor 2 (y): message and field P 0 is used twice"),
+    ("scale = 0.0001", "scale = 0.0", "sensor 1 (x): scale 0 makes every reading 0"),
+    ("rate_hz = 100.0", "rate_hz = 50.0", "sensor 2 (y): rate_hz 100 differs within message P"),
+    ("age_s_max = 0.06", "age_s_max = 0.001", "age_s_max 0.001 is shorter than one line's interval"),
+    ('unit = "m"', 'unit = "N"', "unit 'N' does not fit a sensor named x"),
+    ('terminal = "s0"', 'terminal = "a0"', "terminal 'a0' is the name of another terminal"),
+    ('message = "F"', 'message = "force"', "message 'force' is not one capital letter"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "expected"), MISTAKES, ids=[new or f"no {old}" for old, new, _ in MISTAKES])
+def test_a_mistake_is_one_sentence(broken, old, new, expected):
+    assert expected in broken(old, new, LAMP.text.count(old) if old.startswith("[[") else 1)
+
+
+def test_a_mistake_names_its_line(broken):
+    line = 1 + LAMP.text[: LAMP.text.index("sign = -1")].count("\n")
+    assert broken("sign = -1", "sign = 7").startswith(f", line {line}: joint 3 (a2): ")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "format is missing"),
+        ("format = 1\n[rig", ", line 2: the file ends in the middle of an entry"),
+        ('format = 1\n[rig]\nname = "', ", line 3: the file ends in the middle of an entry"),
+        ('format = 1\n[rig]\nname = """never', "the file ends in the middle of an entry"),
+        ("format = 1\nformat = 1\n", "is not valid TOML"),
+        ("format = 1\n", "table [rig] is missing; add it (is the file truncated?)"),
+        (b"format = 1\n# l\xffmp\n", ", line 2: is not UTF-8 text"),
+        ("x = " + "[" * 5000, "is nested too deeply"),
+        ("#" * ((1 << 20) + 1), "is larger than"),
+    ],
+    ids=["empty", "header", "string", "text", "twice", "truncated", "latin-1", "deep", "large"],
+)
+def test_a_file_that_is_no_rig_is_one_sentence(tmp_path, text, expected):
+    assert expected in error_of(tmp_path, text)
+
+
+def test_what_is_no_file_is_one_sentence(tmp_path):
+    for name, expected in {
+        tmp_path: "is a folder; name the rig file itself",
+        tmp_path / "none.rig.toml": "there is no such file",
+        str(tmp_path / "no" / "such.toml"): "there is no such file",
+        "lamp-xc30": "there is no rig 'lamp-xc30'; did you mean 'lamp-xc330'?",
+        "": "there is no rig ''; known: ",
+        "\0.toml": "can not be read",
+    }.items():
+        with pytest.raises(InputError) as caught:
+            load_rig(name)
+        assert expected in str(caught.value)
+
+
+@settings(max_examples=150, derandomize=True, deadline=None)
+@given(
+    cut=st.integers(0, len(LAMP.text)),
+    length=st.integers(0, 40),
+    insert=st.text(max_size=12) | st.sampled_from(["[[joint]]\n", "nan", "-", "1e999", '"', "[", "= 1\n"]),
+)
+def test_a_damaged_file_loads_or_is_one_sentence(cut, length, insert):
+    text = LAMP.text[:cut] + insert + LAMP.text[cut + length :]
+    try:
+        rig = parse_rig(text, LAMP.path)
+    except InputError as error:
+        assert str(error).startswith(str(LAMP.path))
+    else:
+        assert len({joint.id for joint in rig.joints}) == len(rig.joints)
+        assert all(joint.low_rad <= joint.neutral_rad <= joint.high_rad for joint in rig.joints)
+
+
+def test_a_log_can_rebuild_its_rig(tmp_path):
+    body = Path(LAMP.body)
+    (tmp_path / body.name).write_bytes(body.read_bytes())
+    rig = parse_rig(LAMP.text, tmp_path / "gone.rig.toml")
+    assert rig.joints == LAMP.joints
+    assert rig.body == tmp_path / body.name
