@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
-import controller
+from controller.generate_runtime import PATH as RUNTIME_TABLE
 
 HEADERS: Final = ("sv_math.h", "sv_operations.h")
 """Where the functions are; what a function calls stands above it."""
@@ -43,7 +42,7 @@ def read_runtime_functions() -> dict[str, RuntimeFunction]:
     Returns:
         the functions by name, callees first
     """
-    folder = Path(controller.__path__[0]) / "runtime"
+    folder = RUNTIME_TABLE.parent
     functions: dict[str, RuntimeFunction] = {}
     for header in HEADERS:
         for match in _FUNCTION.finditer((folder / header).read_text(encoding="utf-8")):
