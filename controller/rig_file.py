@@ -54,7 +54,7 @@ def load_rig(name_or_path: str | Path) -> Rig:
         close = difflib.get_close_matches(text, shipped, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(sorted(shipped))}, or give a file's path"
         raise InputError(f"there is no rig '{text}'; {hint}")
-    return _rig(read_toml(path, "rig file"), path)
+    return _rig(read_toml(path, "rig file"), path, body_needed=True)
 
 
 def parse_rig(text: str, path: Path) -> Rig:
@@ -62,7 +62,7 @@ def parse_rig(text: str, path: Path) -> Rig:
 
     Args:
         text: the file's text
-        path: where the file is or was; the body is looked for beside it
+        path: where the file is or was; the body stands beside it, or is gone: nothing but a simulation needs it
 
     Returns:
         the rig
@@ -70,7 +70,7 @@ def parse_rig(text: str, path: Path) -> Rig:
     Raises:
         InputError: something in the text is wrong
     """
-    return _rig(parse_toml(text, str(path), "rig file"), path)
+    return _rig(parse_toml(text, str(path), "rig file"), path, body_needed=False)
 
 
 def _shipped() -> dict[str, Path]:
@@ -79,13 +79,13 @@ def _shipped() -> dict[str, Path]:
     return {path.name.removesuffix(suffix): path for path in sorted(folder.glob(f"*/*{suffix}"))}
 
 
-def _rig(top: Table, path: Path) -> Rig:
+def _rig(top: Table, path: Path, body_needed: bool) -> Rig:
     top.refuse_unknown(("format", "rig", "bus", "safety", "joint", "sensor"))
     head = top.table("rig")
     head.refuse_unknown(("name", "body", "period_s", "supply_v"))
     name = head.name_value("name")
     body = path.parent / head.text_value("body")
-    if not body.is_file():
+    if body_needed and not body.is_file():
         head.fail("body", f"body '{head.values['body']}' is not a file beside the rig file; name the MJCF there")
     period_s = head.positive("period_s", 1.0)
     supply_v = head.positive("supply_v")

@@ -69,7 +69,7 @@ def check_servos(bus: DynamixelBus, rig: Rig) -> tuple[list[Reading], list[Findi
         findings.append(
             Finding(
                 "warning",
-                f"{bus.port.port_name}: the USB adapter holds replies back for {1e3 * latency_s:.0f} ms; write 1 to "
+                f"{bus.port.label}: the USB adapter holds replies back for {1e3 * latency_s:.0f} ms; write 1 to "
                 "its latency_timer under /sys/bus/usb-serial/devices",
             )
         )
@@ -113,7 +113,7 @@ def _check_servo(bus: DynamixelBus, rig: Rig, joint: Joint) -> tuple[Reading, li
             reply, model = bus.ping(joint.id)
     if reply.status != "data":
         said = "does not answer" if reply.status == "missing" else "answers with corrupt packets only"
-        where = f"on {bus.port.port_name} at {rig.bus.baud} baud"
+        where = f"on {bus.port.label} at {rig.bus.baud} baud"
         text = f"{named}: {said} {where}; check its power, cable, id and baud rate"
         return Reading(joint, {}), [Finding("error", text)]
     if model != joint.product.model_number:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from controller.errors import InputError
 from controller.rig import Rig
@@ -13,6 +13,7 @@ from deploy.dynamixel_bus import DynamixelBus
 from deploy.period import Connection
 from deploy.port import SerialPort
 from deploy.sensor_port import SensorPort
+from deploy.witness import Witness
 
 if TYPE_CHECKING:
     from deploy.virtual_rig import VirtualRig
@@ -34,21 +35,11 @@ def connect_virtual(virtual: VirtualRig, stop: Callable[[], str | None]) -> Iter
 
     rig = virtual.rig
 
-    def witness() -> Mapping[str, Any]:
-        truth = virtual.truth()
-        return {
-            "base_pos": [float(value) for value in truth.base_pos],
-            "base_rpy": [float(value) for value in truth.base_rpy],
-            "feet_clearance_m": float(truth.feet_clearance_m),
-            "joint_rad": {j.name: float(value) for j, value in zip(rig.joints, truth.joint_rad, strict=True)},
-            "joint_vel": {j.name: float(value) for j, value in zip(rig.joints, truth.joint_vel, strict=True)},
-        }
-
     with ExitStack() as stack:
         bench = stack.enter_context(LockstepBench(virtual))
         bus = stack.enter_context(closing(DynamixelBus(LockstepPort(bench, rig.bus.baud), _return_delay_s(rig))))
         sensors = stack.enter_context(closing(SensorPort(bench.sensor_path))) if rig.sensors else None
-        yield Connection(bus, sensors, LockstepClock(bench), witness, stop)
+        yield Connection(bus, sensors, LockstepClock(bench), Witness(virtual), stop)
 
 
 @contextmanager

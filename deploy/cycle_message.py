@@ -65,17 +65,29 @@ class CycleWords:
             "k": k,
             "raw": _named(self._channels, step.raw.tolist()),
             "age_s": _named(self._channels, [finite(round(age, 6)) for age in step.ages_s]),
-            "terminals": _named(self._inputs, [finite(value) for value in step.terminals.tolist()]),
-            "outputs": _named(self._outputs, [finite(value) for value in step.outputs.tolist()]),
-            "goal_counts": _named(self._outputs, step.goals.tolist()),
-            "terminal_bits": float_bits(step.terminals),
-            "output_bits": float_bits(step.outputs),
+            **self.values(step.terminals, step.outputs, step.goals),
             "missed": [servo for servo, reply in done.replies.items() if reply.status != "data"],
-            "t_write": None if done.written is None else done.written - origin,
-            "late_s": done.late_s,
-            "read_s": done.read - done.started,
-            "compute_s": done.aimed - done.read,
-            "write_s": done.ended - done.aimed,
+            "t_write": None if done.written is None else round(done.written - origin, 9),
+            "late_s": round(done.late_s, 9),
+            "read_s": round(done.read - done.started, 9),
+            "compute_s": round(done.aimed - done.read, 9),
+            "write_s": round(done.ended - done.aimed, 9),
+        }
+
+    def values(self, terminals: Floats, outputs: Floats, goals: Counts) -> dict[str, Any]:
+        """Return the fields of a `/cycle` message that the control cycle computes.
+
+        Args:
+            terminals: (ninput,)
+            outputs: clamped, in their own units, (noutput,)
+            goals: [counts], (noutput,)
+        """
+        return {
+            "terminals": _named(self._inputs, [finite(value) for value in terminals.tolist()]),
+            "outputs": _named(self._outputs, [finite(value) for value in outputs.tolist()]),
+            "goal_counts": _named(self._outputs, goals.tolist()),
+            "terminal_bits": float_bits(terminals),
+            "output_bits": float_bits(outputs),
         }
 
     def raw(self, message: Mapping[str, Any]) -> Counts:
@@ -85,14 +97,6 @@ class CycleWords:
             message: of `/cycle`
         """
         return np.array([message["raw"][name] for name in self._channels], np.int32)
-
-    def goals(self, message: Mapping[str, Any]) -> Counts:
-        """Return the goals that a logged period's cycle gave [counts], (noutput,).
-
-        Args:
-            message: of `/cycle`
-        """
-        return np.array([message["goal_counts"][name] for name in self._outputs], np.int32)
 
 
 def _named(names: Sequence[str], values: Sequence[T]) -> dict[str, T]:

@@ -289,7 +289,7 @@ class DynamixelBus:
         held = self.read_register(servo, register, attempts)
         if held != value:
             raise BusError(
-                f"servo {servo} on {self.port.port_name}: {register.name} reads {held} after {value} was written; "
+                f"servo {servo} on {self.port.label}: {register.name} reads {held} after {value} was written; "
                 "switch the servo off and on and try again"
             )
 
@@ -364,7 +364,7 @@ class DynamixelBus:
             "corrupt": "answered with corrupt packets only; check cables, ground and other masters on the bus",
             "refused": f"refused: {reply.refusal}",
         }[reply.status]
-        return BusError(f"servo {reply.id} on {self.port.port_name}: {doing}, it {said}")
+        return BusError(f"servo {reply.id} on {self.port.label}: {doing}, it {said}")
 
 
 def _parse(packet: list[int], length: int, t: float) -> Reply | None:

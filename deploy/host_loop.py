@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -61,6 +62,8 @@ class Outcome:
         cycles: control periods
         missed_deadlines: periods that were not done in time
         missed_replies: replies that were missing or corrupt while running
+        bus_bytes: bytes sent and received
+        bus_sha256: SHA-256 of them all, in order
         unsure: a sentence for each servo whose torque is not known to be off
         pose: newest sensor values at the end of running, channel => SI
         start_pose: the same at k = 0
@@ -76,6 +79,8 @@ class Outcome:
     cycles: int = 0
     missed_deadlines: int = 0
     missed_replies: int = 0
+    bus_bytes: int = 0
+    bus_sha256: str = ""
     unsure: list[str] = field(default_factory=list)
     pose: Mapping[str, float] = field(default_factory=dict)
     start_pose: Mapping[str, float] = field(default_factory=dict)
@@ -97,12 +102,16 @@ def run_controller(link: Connection, rig: Rig, controller: Controller, options: 
     cycle = pack_cycle(controller, rig)
     periods = Periods(link, rig, controller, log)
     outcome = Outcome()
+    digest, nbyte = hashlib.sha256(), 0
 
     def report(left: State, entered: State, reason: str) -> None:
         text = f"{left.value} -> {entered.value}: {reason}"
         periods.event("state", text, left=left.value, entered=entered.value, reason=reason)
 
     def trace(direction: str, t: float, data: bytes) -> None:
+        nonlocal nbyte
+        nbyte += len(data)
+        digest.update(data)
         log.write("/bus", periods.t(t), {"direction": direction, "hex": data.hex()})
 
     link.bus.port.tap = trace
@@ -129,6 +138,7 @@ def run_controller(link: Connection, rig: Rig, controller: Controller, options: 
         _leave(periods, machine, outcome)
         link.bus.port.end_transaction()
         link.bus.port.tap = None
+        outcome.bus_bytes, outcome.bus_sha256 = nbyte, digest.hexdigest()
     return outcome
 
 
@@ -228,7 +238,7 @@ def _run(
         outcome.pose = io.sensor_values()
         outcome.start_pose = outcome.start_pose or outcome.pose
         if periods.link.witness is not None:
-            periods.log.write("/truth", periods.t(), periods.link.witness())
+            periods.log.write("/truth", periods.t(), periods.link.witness.look())
         if done.fault:
             raise FaultError(done.fault)
         periods.heed_stop()

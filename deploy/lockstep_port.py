@@ -24,6 +24,7 @@ class LockstepPort(SerialPort):
     def __init__(self, bench: LockstepBench, baud: int) -> None:
         self._bench = bench
         super().__init__(bench.bus_path, baud)
+        self.label = f"virtual {bench.rig.rig.name}"  # a terminal's number differs from run to run
         self.latency_s = _LATENCY_S
 
     def now(self) -> float:

@@ -99,7 +99,7 @@ class RunLog:
         """
         if self._failed:
             return
-        data = json.dumps({"t": t, **message}, separators=(",", ":"), allow_nan=False).encode()
+        data = json.dumps({"t": round(t, 9), **message}, separators=(",", ":"), allow_nan=False).encode()
         time_ns = self._epoch_ns + max(0, round(t * 1e9))
         self._counts[topic] += 1
         try:
@@ -164,6 +164,8 @@ def read_log(path: str | Path) -> Log:
                     complete = True
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a log") from None
+    except InputError:
+        raise
     except (ValueError, KeyError) as error:
         raise InputError(f"{path}: is damaged ({error}); record the run again") from None
     meta = messages.get("/meta", [{}])[0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from controller.controller import Controller
 from controller.errors import RunError
@@ -32,6 +32,7 @@ from deploy.safety import (
     needed_sensors,
 )
 from deploy.sensor_port import SensorPort
+from deploy.witness import Witness
 
 _HEALTH_FIELDS: Final[Mapping[str, str]] = {
     "hardware_error_status": "hardware_error",
@@ -57,14 +58,14 @@ class Connection:
         bus: the servos
         sensors: the sensor node's port, or None
         clock: the time of both
-        witness: gives a virtual rig's truth for the log, or None; the loop never looks at it
+        witness: of a virtual rig, for the log, or None; the loop never looks at what it saw
         stop: gives the reason why a person wants to stop, or None
     """
 
     bus: DynamixelBus
     sensors: SensorPort | None
     clock: Clock
-    witness: Callable[[], Mapping[str, Any]] | None
+    witness: Witness | None
     stop: Callable[[], str | None]
 
 

@@ -87,9 +87,8 @@ class SerialPort(PortHandler):
     def __init__(self, path: str, baud: int) -> None:
         PortHandler.__init__(self, path)
         self.baudrate = baud
+        self.label = path
         self.tap: Tap | None = None
-        self.bytes_sent = 0
-        self.bytes_read = 0
         latency_s = usb_latency_s(path)
         self.latency_s = _PIPE_LATENCY_S if latency_s is None else latency_s + _USB_MARGIN_S
         self.byte_s = BITS_PER_BYTE / baud
@@ -186,7 +185,6 @@ class SerialPort(PortHandler):
             return 0
         except (OSError, serial.SerialException) as error:
             raise self._lost(error) from None
-        self.bytes_sent += len(frame)
         self._line_free = max(self._line_free, self.now()) + len(frame) * self.byte_s
         return int(sent)
 
@@ -242,13 +240,12 @@ class SerialPort(PortHandler):
             data = self._serial.read(_CHUNK)
         except (OSError, serial.SerialException) as error:
             raise self._lost(error) from None
-        self.bytes_read += len(data)
         self._received += data
         self._received_at = self.now()
         self._buffer += data
 
     def _lost(self, error: Exception) -> PortLostError:
         return PortLostError(
-            f"{self.port_name}: the port is gone, so nothing more can be sent and the servos' own bus watchdogs stop "
+            f"{self.label}: the port is gone, so nothing more can be sent and the servos' own bus watchdogs stop "
             f"them; check cable and adapter ({type(error).__name__})"
         )

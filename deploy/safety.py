@@ -73,8 +73,14 @@ def judge_replies(rig: Rig, watch: Watch, replies: Mapping[int, Reply]) -> str |
         replies: servo id => its reply of this period
     """
     for joint in rig.joints:
+        answered = replies[joint.id].status == "data"
+        watch.missed[joint.id] = 0 if answered else watch.missed.get(joint.id, 0) + 1
+    if len(rig.joints) > 1 and min(watch.missed.values()) > rig.safety.missed_cycles_max:
+        return (
+            f"no servo has answered for {min(watch.missed.values())} periods; check the bus cable and the power supply"
+        )
+    for joint in rig.joints:
         reply = replies[joint.id]
-        watch.missed[joint.id] = 0 if reply.status == "data" else watch.missed.get(joint.id, 0) + 1
         if watch.missed[joint.id] > rig.safety.missed_cycles_max:
             said = {
                 "missing": "gave no reply",
