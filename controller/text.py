@@ -248,7 +248,7 @@ def _quoted(word: str) -> str:
 
 def _suggest(word: str, known: Iterable[str]) -> str:
     listed = list(known)
-    close = difflib.get_close_matches(word[:70], listed, n=1)
+    close = difflib.get_close_matches(word[:70], listed, n=1, cutoff=0.5)
     if close:
         return f"did you mean '{close[0]}'?"
     if not listed:
