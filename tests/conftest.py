@@ -19,8 +19,33 @@ NODES_MAX = 150
 
 # where float32 arithmetic is at its edges: zeros, subnormals, ties, saturation, NaN
 EDGES = np.array(
-    [0, -0.0, 1, -1, 0.5, 1e-45, -1e-45, 1.17549435e-38, 3.4028235e38, -3.4028235e38, np.inf, -np.inf, np.nan]
-    + [16777216, 8388608.5, 8192, 8193, -0.015, 88.8, -104, 1.5707964, 1e-10, -1e-10, 2147483648, 1e30],
+    [
+        0,
+        -0.0,
+        1,
+        -1,
+        0.5,
+        1e-45,
+        -1e-45,
+        1.17549435e-38,
+        3.4028235e38,
+        -3.4028235e38,
+        np.inf,
+        -np.inf,
+        np.nan,
+        16777216,
+        8388608.5,
+        8192,
+        8193,
+        -0.015,
+        88.8,
+        -104,
+        1.5707964,
+        1e-10,
+        -1e-10,
+        2147483648,
+        1e30,
+    ],
     np.float32,
 )
 WORDS = st.one_of(st.sampled_from(EDGES.view(np.uint32).tolist()), st.integers(0, 2**32 - 1))
