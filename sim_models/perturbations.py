@@ -18,7 +18,7 @@ class Perturbations:
     """Hold perturbed rigs, one a row.
 
     Args:
-        friction: scale of the feet's sliding friction on the floor, (n,)
+        friction: scale of the sliding friction of every contact, (n,)
         mass: scale of all masses and inertias, (n,)
         torque: scale of each servo's stall torque, no-load speed kept, (n, njoint)
         voltage: scale of the supply voltage, (n,)

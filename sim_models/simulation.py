@@ -120,7 +120,7 @@ def simulate(
         goal_dist=goal_dist,
         goal_bearing=goal_bearing,
         statistics=rollouts.statistics[0],
-        time_s=np.arange(len(raw)) * rig.period_s,
+        time_s=np.arange(len(raw), dtype=np.float64) * np.float64(rig.period_s),
         channels=rollouts.channels,
         trace=rollouts.traces[0, begun],
         raw=raw,
