@@ -112,10 +112,10 @@ def resolve_terminals(controller: Controller, rig: Rig) -> tuple[TerminalSpec, .
         where = f"{controller.name}: input {i} ({terminal.name})"
         spec = supplied.get(terminal.name)
         if spec is None:
-            close = difflib.get_close_matches(terminal.name, supplied, n=1)
-            hint = f"did you mean '{close[0]}'?" if close else "use what it supplies:"
+            close = difflib.get_close_matches(terminal.name, supplied, n=1, cutoff=0.5)
+            hint = f"did you mean '{close[0]}'? " if close else ""
             raise InputError(
-                f"{where}: rig '{rig.name}' can not supply '{terminal.name}'; {hint} (it has {' '.join(supplied)})"
+                f"{where}: rig '{rig.name}' can not supply '{terminal.name}'; {hint}use one of {' '.join(supplied)}"
             )
         if spec.unit != terminal.unit:
             raise InputError(

@@ -1,0 +1,342 @@
+"""The control cycle: the compiled one against the reference bit for bit, and both against what is meant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from controller.controller import Controller, Input, Output
+from controller.cycle import resolve_cycle
+from controller.errors import InputError
+from controller.library import SvCycle
+from controller.lowering import lower
+from controller.native import NativeCycle, encode, pack_cycle, run_cycle
+from controller.reference import ReferenceCycle
+from controller.rig_file import load_rig
+from controller.terminals import TerminalKind, TerminalSpec, terminals_of
+from controller.text import parse
+
+EVERY = "(list (+ a0 (integrate goal_met)) (* 40 (% px (- t 0.1))) (* 57.3 heading_error))"
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return load_rig("lamp-xc330")
+
+
+def controller_for(rig, text, *, limits=(-40.0, 50.0, 3.0), unit="deg", filter=1.0, slew_rad_s=0.0, names=None):
+    """Build a controller over all (or the named) terminals of a rig; limits are low, high, neutral."""
+    supplied = terminals_of(rig)
+    names = list(supplied) if names is None else names
+    source = parse(text, names)
+    low, high, neutral = limits
+    return Controller(
+        name="test",
+        period_s=rig.period_s,
+        inputs=tuple(Input(name, supplied[name].unit, -1, 1) for name in names),
+        outputs=tuple(Output(joint.name, "position", unit, low, high, neutral) for joint in rig.joints),
+        source=source,
+        program=lower(source, names),
+        filter=filter,
+        slew_rad_s=slew_rad_s,
+    )
+
+
+def raw_of(rig, *, angles=(0.0, 0.0, 0.0), x=0.0, y=0.0, z=0.0, heading=0.0, force=0.0):
+    """Write raw counts as the rig's servos and sensors would, rounded to counts by numpy in double."""
+    values = {"x": x, "y": y, "z": z, "heading": heading, "force": force}
+    counts = [
+        joint.zero_tick + joint.sign * angle * 4096 / (2 * math.pi)
+        for joint, angle in zip(rig.joints, angles, strict=True)
+    ]
+    counts += [0] * (2 * len(rig.joints))
+    counts += [sensor.zero + values.get(sensor.name, 0.0) / sensor.scale for sensor in rig.sensors]
+    return np.rint(counts).astype(np.int32)
+
+
+def terminals(rig, rows, goal=(0.3, 0.0)):
+    """Run both cycles over raw rows; return the terminals by name, (nstep,) each, after comparing both."""
+    controller = controller_for(rig, EVERY)
+    reference = ReferenceCycle(controller, rig)
+    native, *_ = run_cycle(controller, rig, np.array(rows), goal)
+    judged = np.array([reference.step(*goal, row)[0] for row in rows])
+    assert native.tobytes() == judged.tobytes()
+    return dict(zip(terminals_of(rig), native.T, strict=True))
+
+
+@given(st.data())
+def test_compiled_cycle_is_the_reference(programs, data):
+    rig = load_rig("lamp-xc330")
+    names = list(programs.terminals)
+    source = data.draw(programs.sources())
+    source = replace(source, outputs=(source.outputs * 3)[:3])
+    limits = data.draw(st.tuples(*[st.floats(-200, 200, width=32)] * 3).map(sorted))
+    controller = replace(
+        controller_for(
+            rig,
+            "(list 0 0 0)",
+            limits=(limits[0], limits[2], limits[1]),
+            unit=data.draw(st.sampled_from(["deg", "rad"])),
+            filter=data.draw(st.one_of(st.just(1.0), st.floats(1e-6, 1))),
+            slew_rad_s=data.draw(st.one_of(st.just(0.0), st.floats(0, 20))),
+            names=names,
+        ),
+        source=source,
+        program=lower(source, names),
+    )
+    goal = data.draw(st.tuples(st.floats(0, 2, width=32), st.floats(-7, 7, width=32)))
+    count = st.one_of(st.integers(-5000, 5000), st.integers(-(2**31), 2**31 - 1))
+    rows = data.draw(st.lists(st.lists(count, min_size=rig.nraw, max_size=rig.nraw), min_size=1, max_size=6))
+    native, reference = pack_cycle(controller, rig), ReferenceCycle(controller, rig)
+    for _ in range(2):
+        for row in rows:
+            raw = np.array(row, np.int32)
+            for a, b in zip(native.step(*goal, raw), reference.step(*goal, raw), strict=True):
+                assert (a.dtype, a.shape) == (b.dtype, b.shape)
+                assert programs.same(a, b) if a.dtype == np.float32 else a.tolist() == b.tolist()
+        native.reset()
+        reference.reset()
+
+
+def test_derived_terminals_are_the_reference_over_random_motion(rig, programs):
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        rows = rng.integers(-9000, 9000, (40, rig.nraw), dtype=np.int32)
+        goal = (float(rng.uniform(0, 1)), float(rng.uniform(-3.2, 3.2)))
+        terminals(rig, rows, goal)
+
+
+def test_joint_terminals_are_si(rig):
+    raw = raw_of(rig, angles=(0.5, -1.0, 0.25), force=2.5)
+    raw[3:6] = (10, -20, 30)
+    raw[6:9] = (235, -1176, 2352)
+    told = terminals(rig, [raw] * 2)
+    sign = [joint.sign for joint in rig.joints]
+    half_tick = math.pi / 4096 + 1e-6
+    for name, angle in zip(("a0", "a1", "a2"), (0.5, -1.0, 0.25), strict=True):
+        assert told[name][0] == pytest.approx(angle, abs=half_tick)
+    velocity = 0.229 * 2 * math.pi / 60  # [rad/s] a count
+    assert told["a0_vel"][0] == pytest.approx(10 * sign[0] * velocity, rel=1e-3)
+    assert told["a1_vel"][0] == pytest.approx(-20 * sign[1] * velocity, rel=1e-3)
+    assert told["a1_load"][0] == pytest.approx(-0.5 * sign[1])
+    assert told["a2_load"][0] == pytest.approx(1.0 * sign[2])
+    assert told["s0"][0] == pytest.approx(2.5)
+    assert told["t"].tolist() == [0, np.float32(0.02)]
+
+
+def test_px_is_the_way_that_is_left(rig):
+    # goal 0.3 m ahead; the base walks to it, past it, and turns round
+    poses = [(0.0, 0.0), (0.1, 0.0), (0.4, 0.0), (0.4, math.pi), (0.3, math.pi / 2)]
+    told = terminals(rig, [raw_of(rig, x=x, heading=heading) for x, heading in poses])
+    assert told["px"] == pytest.approx([0.3, 0.2, -0.1, 0.1, 0.0], abs=3e-4)
+    assert told["py"] == pytest.approx([0.0] * 5, abs=3e-4)
+    assert told["goal_dist"].tolist() == [np.float32(0.3)] * 5
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.0, -2.5, 3.0])
+@pytest.mark.parametrize("bearing", [0.0, math.pi / 2, -1.0])
+def test_the_goal_is_latched_from_the_first_pose(rig, heading, bearing):
+    start = raw_of(rig, x=1.2, y=-0.7, heading=heading)
+    goal = (1.2 + 0.3 * math.cos(heading + bearing), -0.7 + 0.3 * math.sin(heading + bearing))
+    poses = [(1.25, -0.6, heading - 0.5), (1.0, -1.1, heading + 2.0)]
+    rows = [start, *(raw_of(rig, x=x, y=y, heading=h) for x, y, h in poses)]
+    told = terminals(rig, rows, (0.3, bearing))
+    assert told["px"][0] == pytest.approx(0.3 * math.cos(bearing), abs=1e-6)
+    assert told["py"][0] == pytest.approx(0.3 * math.sin(bearing), abs=1e-6)  # to the left is positive
+    assert told["heading_error"][0] == pytest.approx(bearing, abs=1e-5)
+    for i, (x, y, h) in enumerate(poses, start=1):
+        dx, dy = goal[0] - x, goal[1] - y
+        assert told["px"][i] == pytest.approx(dx * math.cos(h) + dy * math.sin(h), abs=5e-4)
+        assert told["py"][i] == pytest.approx(dy * math.cos(h) - dx * math.sin(h), abs=5e-4)
+        error = math.atan2(dy, dx) - h
+        error = math.atan2(math.sin(error), math.cos(error))
+        assert told["heading_error"][i] == pytest.approx(error, abs=5e-3)
+
+
+def test_heading_error_wraps_at_pi(rig):
+    headings = np.linspace(-10, 10, 401)
+    told = terminals(rig, [raw_of(rig), *(raw_of(rig, heading=h) for h in headings)])
+    wrapped = np.arctan2(np.sin(-headings), np.cos(-headings))
+    error = told["heading_error"][1:]
+    assert np.abs(error).max() <= np.float32(math.pi)
+    assert np.abs(np.angle(np.exp(1j * (error - wrapped)))).max() < 1e-3
+
+
+def test_on_the_goal_every_direction_is_right(rig):
+    told = terminals(rig, [raw_of(rig)] * 2, (0.0, 0.0))
+    assert told["heading_error"].tolist() == [0, 0] and told["px"].tolist() == [0, 0]
+
+
+def test_goal_met_is_latched_within_15_mm(rig):
+    xs = [0.0, 0.2849, 0.28, 0.2851, 0.1, 0.5]
+    assert terminals(rig, [raw_of(rig, x=x) for x in xs])["goal_met"].tolist() == [0, 0, 0, 1, 1, 1]
+    # from beyond it, too
+    xs = [0.0, 0.3151, 0.3149, 0.4]
+    assert terminals(rig, [raw_of(rig, x=x) for x in xs])["goal_met"].tolist() == [0, 0, 1, 1]
+    assert terminals(rig, [raw_of(rig)], (0.015, 0.0))["goal_met"].tolist() == [1]
+
+
+def outputs(rig, text, nstep=1, **how):
+    """Run both cycles at rest; return clamped outputs (nstep, 3) and goal angles in ticks from zero, sign taken out."""
+    controller = controller_for(rig, text, **how)
+    reference = ReferenceCycle(controller, rig)
+    rows = np.array([raw_of(rig)] * nstep)
+    _, values, counts = run_cycle(controller, rig, rows, (0.3, 0.0))
+    for i, row in enumerate(rows):
+        _, judged, ticks = reference.step(0.3, 0.0, row)
+        assert judged.tobytes() == values[i].tobytes() and ticks.tolist() == counts[i].tolist()
+    return values, [[(c - j.zero_tick) * j.sign for c, j in zip(row, rig.joints, strict=True)] for row in counts]
+
+
+def test_outputs_are_clamped_in_their_own_unit(rig):
+    values, ticks = outputs(rig, "(list 49 51 -41)")
+    assert values.tolist() == [[49, 50, -40]]
+    # degrees / 360 * 4096: 557.5…, 568.9…, -455.1…
+    assert ticks == [[558, 569, -455]]
+    infinite = "(* 3e38 10)"
+    values, ticks = outputs(rig, f"(list (- {infinite} {infinite}) {infinite} (- 0 {infinite}))")
+    assert values.tolist() == [[3, 50, -40]]  # NaN is neutral
+    assert ticks == [[34, 569, -455]]
+
+
+def test_radians_pass_as_they_are_and_the_rig_limits_counts(rig):
+    values, ticks = outputs(rig, "(list 0.5 3 -3)", unit="rad", limits=(-3.0, 3.0, 0.0))
+    assert values.tolist() == [[0.5, 3, -3]]
+    limit = [round(joint.high_rad * 4096 / (2 * math.pi)) for joint in rig.joints]
+    assert ticks == [[326, limit[1], -limit[2]]]
+
+
+def test_the_filter_starts_at_neutral(rig):
+    # 0 -> 40 degrees, half the way each period: 20, 30, 35 degrees
+    _, ticks = outputs(rig, "(list 40 40 -40)", 3, limits=(-40.0, 40.0, 0.0), filter=0.5)
+    assert ticks == [[228, 228, -228], [341, 341, -341], [398, 398, -398]]
+    _, ticks = outputs(rig, "(list 40 40 40)", 2, limits=(-40.0, 40.0, 20.0), filter=0.5)
+    assert ticks == [[341] * 3, [398] * 3]
+
+
+def test_the_slew_limit_is_a_rate(rig):
+    # 1 rad/s for 20 ms: 0.02 rad, 13.04 ticks, until 0.05 rad is reached
+    _, ticks = outputs(rig, "(list 0.05 -0.05 0.01)", 4, unit="rad", limits=(-1.0, 1.0, 0.0), slew_rad_s=1.0)
+    assert ticks == [[13, -13, 7], [26, -26, 7], [33, -33, 7], [33, -33, 7]]
+
+
+def test_the_filter_runs_before_the_slew_limit(rig):
+    # filter: half of 0.1 is 0.05, limited to 0.02; then half of 0.08, limited; … then half of 0.02
+    _, ticks = outputs(rig, "(list 0.1 0 0)", 6, unit="rad", limits=(-1.0, 1.0, 0.0), slew_rad_s=1.0, filter=0.5)
+    radians = [0.02, 0.04, 0.06, 0.08, 0.09, 0.095]
+    assert [row[0] for row in ticks] == [round(r * 4096 / (2 * math.pi)) for r in radians]
+
+
+@pytest.mark.parametrize(
+    ("value", "count"),
+    [
+        (0.5, 0), (1.5, 2), (2.5, 2), (-0.5, 0), (-1.5, -2), (-2.5, -2), (0.50000006, 1), (-0.49999997, 0),
+        (8388607.5, 8388608), (8388606.5, 8388606), (16777217.0, 16777216), (1e30, 2**30), (-math.inf, -(2**30)),
+        (math.nan, 0), (1073741760.0, 1073741760), (0.0, 0), (1e-45, 0),
+    ],
+)  # fmt: skip
+def test_encoding_rounds_half_to_even_and_saturates(value, count):
+    assert encode(TerminalSpec("x", TerminalKind.RAW, "1", 0, 0, 1.0), value) == count
+    assert encode(TerminalSpec("x", TerminalKind.RAW, "1", 0, 2048, -1.0), value) == 2048 - count
+
+
+def test_encoding_inverts_decoding(rig):
+    specs = [spec for spec in terminals_of(rig).values() if spec.kind == TerminalKind.RAW]
+    for spec in specs:
+        for count in range(-3000, 9000, 7):
+            value = np.float32(count - spec.zero) * np.float32(spec.scale)
+            assert encode(spec, float(value)) == count
+
+
+def test_the_cycle_is_at_an_address(rig):
+    cycle = pack_cycle(controller_for(rig, EVERY, filter=0.25), rig)
+    seen = SvCycle.from_address(cycle.address)
+    assert (seen.nraw, seen.filter, seen.program.contents.noutput) == (rig.nraw, 0.25, 3)
+    assert seen.outputs[1].high == 50
+
+
+def test_a_rig_without_a_pose(rig):
+    blind = replace(rig, sensors=tuple(s for s in rig.sensors if s.name == "force"))
+    assert set(terminals_of(rig)) - set(terminals_of(blind)) == {"px", "py", "pz", "goal_met", "heading_error"}
+    told = run_cycle(controller_for(blind, "(list a0 s0 t)"), blind, np.zeros((2, blind.nraw), np.int32), (0.3, 0.0))
+    assert told[1].shape == (2, 3)
+    with pytest.raises(
+        InputError, match=r"input \d+ \(pz\): rig 'lamp-xc330' can not supply 'pz'; .*use one of t goal_dist"
+    ):
+        pack_cycle(controller_for(rig, EVERY), blind)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ({"period_s": 0.01}, "period_s 0.01 is not the 0.02 of rig"),
+        ({"outputs": "reversed"}, "its outputs are a2 a1 a0, but the joints of rig 'lamp-xc330' are a0 a1 a2"),
+        ({"outputs": "fewer"}, "its outputs are a0 a1, but the joints"),
+        ({"outputs": "velocity"}, "output 'a0' commands a velocity"),
+        ({"inputs": (Input("a0", "deg", -1, 1),)}, r"input 1 \(a0\): unit 'deg' is not the rig's"),
+        ({"inputs": (Input("a7", "rad", -1, 1),)}, r"input 1 \(a7\): .* can not supply 'a7'; did you mean 'a"),
+        ({"inputs": (Input("vx", "m/s", -1, 1),)}, r"input 1 \(vx\): .* can not supply 'vx'"),
+    ],
+)
+def test_what_does_not_fit_the_rig_is_refused(rig, change, what):
+    controller = controller_for(rig, "(list 1 2 3)", names=[])
+    listed = {
+        "reversed": controller.outputs[::-1],
+        "fewer": controller.outputs[:2],
+        "velocity": tuple(replace(output, kind="velocity", unit="deg/s") for output in controller.outputs),
+    }
+    change = {key: listed.get(value, value) if isinstance(value, str) else value for key, value in change.items()}
+    for build in (pack_cycle, ReferenceCycle):
+        with pytest.raises(InputError, match=what) as error:
+            build(replace(controller, **change), rig)
+        assert str(error.value).startswith("test: ") and "; " in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"filter": 0.0},
+        {"filter": 1.5},
+        {"filter": math.nan},
+        {"slew_step": -1.0},
+        {"slew_step": math.inf},
+        {"period_s": 0.0},
+        {"period_s": math.inf},
+        {"nraw": 129},
+        {"nraw": -1},
+        {"terminals": {"channel": 16}},
+        {"terminals": {"channel": -1}},
+        {"terminals": {"scale": 0.0}},
+        {"terminals": {"scale": math.nan}},
+        {"terminals": {"zero": 2**31 - 1}},
+        {"x": {"channel": 16}},
+        {"heading": {"kind": TerminalKind.TIME}},
+        {"outputs": {"low": 51.0}},
+        {"outputs": {"neutral": math.nan}},
+        {"outputs": {"high": math.inf}},
+        {"outputs": {"count_scale": math.inf}},
+        {"outputs": {"count_low": 5000}},
+    ],
+    ids=str,
+)
+def test_no_inconsistent_cycle_runs(rig, change):
+    spec = resolve_cycle(controller_for(rig, "(list a0 a0 a0)", names=["a0"]), rig)
+    assert rig.nraw == 16
+    NativeCycle(spec)
+    for key, value in change.items():
+        new = value
+        if isinstance(value, dict):
+            old = getattr(spec, key)
+            new = (replace(old[0], **value), *old[1:]) if isinstance(old, tuple) else replace(old, **value)
+        with pytest.raises(InputError, match="not usable"):
+            NativeCycle(replace(spec, **{key: new}))
+
+
+def test_raw_of_another_size_is_refused(rig):
+    with pytest.raises(InputError, match="give the rig's 16 channels"):
+        pack_cycle(controller_for(rig, EVERY), rig).step(0.3, 0.0, np.zeros(15, np.int32))
