@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
@@ -12,14 +12,14 @@ from typing import Final
 from controller.controller import Controller
 from controller.errors import RunError
 from controller.native import NativeCycle, pack_cycle
-from controller.rig import Rig
+from controller.rig import Joint, Rig
 from deploy.checks import Finding, Reading, check_sensors, check_servos
 from deploy.cycle_message import CycleStep, CycleWords
 from deploy.joint_counts import joint_angle, joint_count
 from deploy.log import RunLog
 from deploy.period import Connection, FaultError, Period, Periods, StopRunError
 from deploy.states import State, StateMachine
-from deploy.torque import hold, release, seed_goals, torque_on, write_settings
+from deploy.torque import hold, release, seed_goals, torque_on, unsure_sentence, write_settings
 
 _LISTEN_S: Final = 0.3
 _LISTEN_STEP_S: Final = 0.01
@@ -64,7 +64,7 @@ class Outcome:
         missed_replies: replies that were missing or corrupt while running
         bus_bytes: bytes sent and received
         bus_sha256: SHA-256 of them all, in order
-        unsure: a sentence for each servo whose torque is not known to be off
+        unsure: joints whose torque is not known to be off
         pose: newest sensor values at the end of running, channel => SI
         start_pose: the same at k = 0
     """
@@ -81,12 +81,19 @@ class Outcome:
     missed_replies: int = 0
     bus_bytes: int = 0
     bus_sha256: str = ""
-    unsure: list[str] = field(default_factory=list)
+    unsure: list[Joint] = field(default_factory=list)
     pose: Mapping[str, float] = field(default_factory=dict)
     start_pose: Mapping[str, float] = field(default_factory=dict)
 
 
-def run_controller(link: Connection, rig: Rig, controller: Controller, options: RunOptions, log: RunLog) -> Outcome:
+def run_controller(
+    link: Connection,
+    rig: Rig,
+    controller: Controller,
+    options: RunOptions,
+    log: RunLog,
+    announce: Callable[[State], None] | None = None,
+) -> Outcome:
     """Run a controller on a rig, from torque off to torque off.
 
     Args:
@@ -95,6 +102,7 @@ def run_controller(link: Connection, rig: Rig, controller: Controller, options: 
         controller: the controller
         options: what to run
         log: where everything is recorded; the caller closes it
+        announce: told each state that is entered
 
     Returns:
         how it went; a fault is told there, not raised
@@ -107,6 +115,8 @@ def run_controller(link: Connection, rig: Rig, controller: Controller, options: 
     def report(left: State, entered: State, reason: str) -> None:
         text = f"{left.value} -> {entered.value}: {reason}"
         periods.event("state", text, left=left.value, entered=entered.value, reason=reason)
+        if announce is not None:
+            announce(entered)
 
     def trace(direction: str, t: float, data: bytes) -> None:
         nonlocal nbyte
@@ -151,6 +161,7 @@ def _check(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
         clock.sleep_until(clock.now() + _LISTEN_STEP_S)
         periods.io.read_sensors()
     outcome.findings += check_sensors(rig, periods.io.reader, periods.needed, clock.now())
+    outcome.pose = periods.io.sensor_values()
     for finding in outcome.findings:
         periods.event("finding", f"{finding.level}: {finding.text}")
     periods.heed_stop()
@@ -229,6 +240,7 @@ def _run(
     cycle.reset()
     words = CycleWords(periods.rig, controller)
     machine.enter(State.RUNNING, "at rest in neutral, sensors are fresh")
+    _look(periods)
     for k in range(round(options.seconds / periods.rig.period_s)):
         done = periods.walk(k, aim, controller.slew_rad_s)
         periods.log.write("/cycle", periods.t(done.started), words.message(k, stepped[0], done, periods.origin))
@@ -237,13 +249,20 @@ def _run(
         outcome.missed_deadlines += done.overran
         outcome.pose = io.sensor_values()
         outcome.start_pose = outcome.start_pose or outcome.pose
-        if periods.link.witness is not None:
-            periods.log.write("/truth", periods.t(), periods.link.witness.look())
+        _look(periods)
         if done.fault:
             raise FaultError(done.fault)
         periods.heed_stop()
     outcome.reason = "the time is over"
     outcome.done = True
+
+
+def _look(periods: Periods) -> None:
+    """Log a virtual rig's state."""
+    witness = periods.link.witness
+    if witness is not None:
+        seen = witness.look()
+        periods.log.write("/truth", periods.t(witness.t), seen)
 
 
 def _leave(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
@@ -258,7 +277,7 @@ def _leave(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
             _unload(periods, outcome)
     if outcome.unsure and machine.state is not State.FAULT:
         outcome.faulty = True
-        outcome.reason = outcome.unsure[0]
+        outcome.reason = unsure_sentence(outcome.unsure)
         machine.enter(State.FAULT, outcome.reason)
     elif machine.state in (State.STOPPING, State.CHECKED):
         machine.enter(State.OFF, outcome.reason)
@@ -275,5 +294,5 @@ def _unload(periods: Periods, outcome: Outcome) -> None:
         except RunError as error:
             periods.event("torque", str(error))
     outcome.unsure = release(bus, rig)
-    for sentence in outcome.unsure or ["torque is off on every servo, as read back"]:
-        periods.event("torque", sentence)
+    sure = "torque is off on every servo, as read back"
+    periods.event("torque", unsure_sentence(outcome.unsure) if outcome.unsure else sure)

@@ -31,7 +31,7 @@ def summary(outcome: Outcome, options: RunOptions, seen: Mapping[str, Any]) -> d
         "reason": outcome.reason,
         "fault": outcome.reason if outcome.faulty else None,
         "findings": [finding.text for finding in outcome.findings],
-        "torque_unsure": list(outcome.unsure),
+        "torque_unsure": [joint.name for joint in outcome.unsure],
         "cycles": outcome.cycles,
         "missed_deadlines": outcome.missed_deadlines,
         "missed_replies": outcome.missed_replies,

@@ -84,7 +84,7 @@ def torque_on(bus: DynamixelBus, rig: Rig) -> None:
             bus.write_register(joint.id, registers(joint.product)["bus_watchdog"], counts)
 
 
-def release(bus: DynamixelBus, rig: Rig) -> list[str]:
+def release(bus: DynamixelBus, rig: Rig) -> list[Joint]:
     """Switch every servo's torque off and read it back; a servo that does not answer keeps none of the others waiting.
 
     Args:
@@ -92,18 +92,24 @@ def release(bus: DynamixelBus, rig: Rig) -> list[str]:
         rig: the rig
 
     Returns:
-        a sentence for each servo whose torque is not known to be off
+        the joints whose torque is not known to be off
     """
     table = registers(rig.joints[0].product)["torque_enable"]
     try:
         bus.sync_write(table.address, {joint.id: encode(table, 0) for joint in rig.joints})
-        unsure = _each(rig.joints, lambda joint: _switch_off(bus, joint))
+        return _each(rig.joints, lambda joint: _switch_off(bus, joint))
     except PortLostError:
-        unsure = list(rig.joints)
-    return [
-        f"the torque of joint {joint.name} (servo {joint.id}) could not be switched off for certain; cut its power"
-        for joint in unsure
-    ]
+        return list(rig.joints)
+
+
+def unsure_sentence(joints: Sequence[Joint]) -> str:
+    """Say which joints may still have torque.
+
+    Args:
+        joints: as `release` returns them, not empty
+    """
+    named = ", ".join(f"{joint.name} (servo {joint.id})" for joint in joints)
+    return f"torque could not be switched off for certain on {named}; cut the power"
 
 
 def hold(bus: DynamixelBus, rig: Rig) -> None:

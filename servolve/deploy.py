@@ -24,8 +24,10 @@ from deploy.log import RunLog
 from deploy.log_topics import FORMAT
 from deploy.period import Connection
 from deploy.realtime import realtime
+from deploy.states import State
 from deploy.stop_request import StopRequest
 from deploy.summary import summary
+from deploy.torque import unsure_sentence
 
 VIRTUAL: Final = "virtual"
 GOAL_M: Final = 0.4
@@ -95,14 +97,20 @@ def deploy(
         if real_time:
             for refused in stack.enter_context(realtime()):
                 console.print(f"servolve: warning: {refused}", highlight=False)
-        outcome = run_controller(link, about, program, options, record)
+
+        def announce(state: State) -> None:
+            if not virtual:
+                console.print(f"{about.name}: {state.value}", highlight=False)
+
+        outcome = run_controller(link, about, program, options, record, announce)
         seen = link.witness.verdict(goal, 0.0) if link.witness else {}
     told = {"controller": program.name, "rig": about.name, "port": port} | summary(outcome, options, seen)
     told["log"] = None if log is None else str(log)
     _tell(console, outcome, told, json_, options.arm)
     if outcome.done and not outcome.faulty:
         return 0
-    raise RunError("; ".join([outcome.reason, *(text for text in outcome.unsure if text != outcome.reason)]))
+    unsure = unsure_sentence(outcome.unsure) if outcome.unsure else outcome.reason
+    raise RunError(outcome.reason if unsure == outcome.reason else f"{outcome.reason}; {unsure}")
 
 
 def _check_arguments(
@@ -198,6 +206,10 @@ def _tell(console: Console, outcome: Outcome, told: Mapping[str, Any], as_json: 
         return
     if not armed:
         console.print(_readings(outcome))
+        for name, value in outcome.pose.items():
+            console.print(f"sensor {name}: {value:.4g}", highlight=False)
+        if outcome.done:
+            console.print(outcome.reason, highlight=False)
     elif outcome.cycles:
         console.print(_figures(told))
 

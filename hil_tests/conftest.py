@@ -1,0 +1,123 @@
+"""One suite for any rig: `pytest hil_tests` tests a virtual one, `--port PATH --rig-file NAME --arm` a real one."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import pytest
+
+from controller import Rig, load_rig, registers
+from controller.registers import Register
+from deploy.clock import Clock
+from deploy.connection import connect_ports, connect_virtual
+from deploy.dynamixel_bus import DynamixelBus, encode
+from deploy.joint_counts import joint_angle, joint_count
+from deploy.torque import release, seed_goals, torque_on, write_settings
+
+DEFAULT_RIG = "lamp-xc330"
+REST_S = 0.5
+REPORT = pytest.StashKey[list[str]]()
+
+
+def pytest_addoption(parser):
+    group = parser.getgroup("rig")
+    group.addoption(
+        "--rig",
+        "--rig-file",
+        dest="rig",
+        default="virtual",
+        help="'virtual', or the name or file of the rig under test",
+    )
+    group.addoption("--port", help="servo bus of a real rig, as /dev/ttyUSB0; left out: a virtual rig in lock step")
+    group.addoption("--sensor-port", help="sensor node of a real rig")
+    group.addoption("--arm", action="store_true", help="allow torque on a real rig: its joints will move")
+
+
+def pytest_configure(config):
+    config.stash[REPORT] = []
+    if config.getoption("--port") and not config.getoption("--arm"):
+        raise pytest.UsageError("--port: the joints of the rig will move; say --arm when nobody is in their way")
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    if config.stash[REPORT]:
+        terminalreporter.section("rig")
+        for line in config.stash[REPORT]:
+            terminalreporter.write_line(line)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Hold a rig under test: its bus and its time."""
+
+    rig: Rig
+    bus: DynamixelBus
+    clock: Clock
+    virtual: bool
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        return tuple(joint.id for joint in self.rig.joints)
+
+    def table(self, index: int = 0) -> dict[str, Register]:
+        return dict(registers(self.rig.joints[index].product))
+
+    def values(self, name: str) -> list[int]:
+        return [self.bus.read_register(joint.id, registers(joint.product)[name]) for joint in self.rig.joints]
+
+
+@pytest.fixture(scope="session")
+def report(request):
+    """Return a function that adds a line to the end of pytest's output."""
+    return request.config.stash[REPORT].append
+
+
+@pytest.fixture(scope="session")
+def bench(request):
+    """Connect to the rig; at the end every servo's torque is off, as read back."""
+    option = request.config.getoption
+    name = DEFAULT_RIG if option("--rig") == "virtual" else option("--rig")
+    rig = load_rig(name)
+    with ExitStack() as stack:
+        if option("--port"):
+            link = stack.enter_context(connect_ports(rig, option("--port"), option("--sensor-port"), lambda: None))
+        else:
+            from deploy.virtual_rig import VirtualRig
+
+            link = stack.enter_context(connect_virtual(VirtualRig(rig), lambda: None))
+        try:
+            yield Bench(rig, link.bus, link.clock, not option("--port"))
+        finally:
+            left = release(link.bus, rig)
+            assert not left, f"torque is not known to be off: {[joint.name for joint in left]}"
+
+
+@pytest.fixture
+def armed(bench):
+    """Hold every joint in neutral, with the rig's gains and no bus watchdog; give the goals; torque off afterwards."""
+    write_settings(bench.bus, bench.rig, 1.0)
+    goals = seed_goals(bench.bus, bench.rig)
+    torque_on(bench.bus, bench.rig)
+    for joint in bench.rig.joints:
+        bench.bus.write_register(joint.id, registers(joint.product)["bus_watchdog"], 0)
+    try:
+        yield go_to_neutral(bench, goals)
+    finally:
+        assert release(bench.bus, bench.rig) == []
+
+
+def go_to_neutral(bench, start):
+    """Move every joint slowly to neutral; return the goals there, once they are at rest."""
+    rig, goal = bench.rig, bench.table()["goal_position"]
+    neutral = [joint_count(joint, joint.neutral_rad) for joint in rig.joints]
+    travel = max(abs(joint_angle(j, a) - joint_angle(j, b)) for j, a, b in zip(rig.joints, start, neutral, strict=True))
+    nstep = math.ceil(travel / (rig.safety.homing_rad_s * rig.period_s)) + 1
+    begin = bench.clock.now()
+    for step in range(1, nstep + 1):
+        goals = [round(a + (b - a) * step / nstep) for a, b in zip(start, neutral, strict=True)]
+        bench.bus.sync_write(goal.address, {j.id: encode(goal, g) for j, g in zip(rig.joints, goals, strict=True)})
+        bench.clock.sleep_until(begin + step * rig.period_s)
+    bench.clock.sleep_until(bench.clock.now() + REST_S)
+    return neutral
