@@ -2,7 +2,7 @@
 
 What is compared with what: a servo's encoder was sampled when the question of its sync read had ended on the wire, a
 goal acts from the end of its packet, a sensor's value is as old as the log says. The simulation is asked at those very
-instants. It starts from the logged joint angles, standing, and sees nothing else of the rig: errors are the model's.
+instants. It starts where the rig stood before the first cycle and sees nothing else of it: errors are the model's.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from deploy.comparison import (
     count_hops,
     joint_errors,
 )
-from deploy.goal_replay import GoalWrites, SampleTimes, replay_goals, tilt, to_start_frame
+from deploy.goal_replay import GoalWrites, SampleTimes, Start, replay_goals, tilt, to_start_frame
 from deploy.joint_counts import joint_angle, joint_count
 from deploy.log import Log, log_text, read_log
 
@@ -67,27 +67,22 @@ def compare(log_path: str | Path) -> Comparison:
 
 def _compare(log: Log, rig: Rig) -> Comparison:
     cycles = log.cycles
-    origin = float(cycles[0]["t"])
-    asked = _wire_ends(log, _SYNC_READ, rig) - origin
-    wrote = _wire_ends(log, _SYNC_WRITE, rig) - origin
+    asked = _wire_ends(log, _SYNC_READ, rig)
+    wrote = _wire_ends(log, _SYNC_WRITE, rig)
     real_rad = _encoder_angles(log, rig)
-    first = real_rad[0]
-    if not np.isfinite(first).all():
-        raise InputError(
-            f"{log.path}: /cycle 0: a servo had not answered, so the start of the run is not known; record it again"
-        )
 
     sent = [i for i, cycle in enumerate(cycles) if cycle["t_write"] is not None]
     counts = [[cycles[i]["goal_counts"].get(joint.name) for joint in rig.joints] for i in sent]
-    neutral = [joint_angle(joint, joint_count(joint, joint.neutral_rad)) for joint in rig.joints]
+    neutral = np.array([joint_angle(joint, joint_count(joint, joint.neutral_rad)) for joint in rig.joints])
     goals = GoalWrites(wrote[sent], _goal_angles(rig, counts, neutral))
-    pose_source, pose_time, position, tilts, clearance = _poses(log, rig, origin)
-    force_time, force = _sensor(log, rig, "force", origin)
+    pose_source, pose_time, position, tilts, clearance = _poses(log, rig)
+    force_time, force = _sensor(log, rig, "force")
     samples = SampleTimes(asked, pose_time, force_time)
-    sim = replay_goals(rig, list(first), neutral, goals, samples)
+    sim = replay_goals(rig, _start(log, rig, real_rad, neutral), goals, samples)
     real = Track(real_rad, position, tilts, clearance, force)
 
     goal = (float(log.meta["goal_dist"]), float(log.meta["goal_bearing"]))
+    origin = float(cycles[0]["t"])
     apart = np.linalg.norm(position - sim.position_m, axis=1)
     return Comparison(
         log=log.path,
@@ -97,14 +92,14 @@ def _compare(log: Log, rig: Rig) -> Comparison:
         meta=log.meta,
         events=tuple((float(event["t"]) - origin, str(event["text"])) for event in log.events),
         goal_m=goal,
-        time_s=asked,
-        goal_time_s=goals.time_s,
+        time_s=asked - origin,
+        goal_time_s=goals.time_s - origin,
         goal_rad=goals.angle_rad,
-        pose_time_s=pose_time,
-        force_time_s=force_time,
+        pose_time_s=pose_time - origin,
+        force_time_s=force_time - origin,
         real=real,
         sim=sim,
-        joints=joint_errors(tuple(joint.name for joint in rig.joints), asked, real.joint_rad, sim.joint_rad),
+        joints=joint_errors(tuple(joint.name for joint in rig.joints), asked - origin, real.joint_rad, sim.joint_rad),
         base_rms_m=float(np.sqrt(np.mean(apart**2))) if len(apart) else None,
         pose_source=pose_source,
         real_outcome=_outcome(real, goal),
@@ -121,6 +116,21 @@ def _rig_as_run(log: Log) -> Rig:
     derate = float(log.meta.get("derate", 1.0))
     joints = tuple(replace(joint, pwm_limit=round(joint.pwm_limit * derate)) for joint in rig.joints)
     return replace(rig, joints=joints)
+
+
+def _start(log: Log, rig: Rig, real_rad: Array, neutral: Array) -> Start:
+    """Return the state before the first cycle: as the virtual rig's judge saw it, or by the encoders."""
+    first = float(log.cycles[0]["t"])
+    seen = [message for message in log.messages.get("/truth", ()) if float(message["t"]) <= first]
+    if seen:
+        state = seen[-1]
+        angles = np.array([float(state["joint_rad"][joint.name]) for joint in rig.joints])
+        return Start(float(state["t"]), angles, neutral, np.array([*state["base_pos"], *state["base_rpy"]], float))
+    if not np.isfinite(real_rad[0]).all():
+        raise InputError(
+            f"{log.path}: /cycle 0: a servo had not answered, so the start of the run is not known; record it again"
+        )
+    return Start(first, real_rad[0], neutral, None)
 
 
 def _wire_ends(log: Log, instruction: int, rig: Rig) -> Array:
@@ -164,7 +174,7 @@ def _encoder_angles(log: Log, rig: Rig) -> Array:
     )
 
 
-def _goal_angles(rig: Rig, counts: Sequence[Sequence[int | None]], neutral: Sequence[float]) -> Array:
+def _goal_angles(rig: Rig, counts: Sequence[Sequence[int | None]], neutral: Array) -> Array:
     """Return goals as angles [rad], (ngoal, njoint); a joint without a goal stays in neutral."""
     return np.array(
         [
@@ -177,12 +187,11 @@ def _goal_angles(rig: Rig, counts: Sequence[Sequence[int | None]], neutral: Sequ
     ).reshape(-1, len(rig.joints))
 
 
-def _poses(log: Log, rig: Rig, origin: float) -> tuple[str, Array, Array, Array, Array]:
+def _poses(log: Log, rig: Rig) -> tuple[str, Array, Array, Array, Array]:
     """Return where the rig's base poses come from, their times, positions, tilts and foot clearances."""
-    end = float(log.cycles[-1]["t"]) - origin
-    truth = [m for m in log.messages.get("/truth", ()) if 0.0 <= float(m["t"]) - origin <= end + rig.period_s]
+    truth = log.messages.get("/truth", ())
     if truth:
-        times = np.array([float(m["t"]) for m in truth]) - origin
+        times = np.array([float(m["t"]) for m in truth])
         xyz = np.array([m["base_pos"] for m in truth], float)
         rpy = np.array([m["base_rpy"] for m in truth], float)
         clearance = np.array([float(m["feet_clearance_m"]) for m in truth])
@@ -191,9 +200,7 @@ def _poses(log: Log, rig: Rig, origin: float) -> tuple[str, Array, Array, Array,
     if not {"x", "y", "z", "heading"} <= names:
         none = np.empty(0)
         return "none", none, np.empty((0, 3)), none, none
-    series = {
-        name: _sensor(log, rig, name, origin) for name in ("x", "y", "z", "heading", "roll", "pitch") if name in names
-    }
+    series = {name: _sensor(log, rig, name) for name in ("x", "y", "z", "heading", "roll", "pitch") if name in names}
     times = series["x"][0]
     still = np.zeros(len(times))
     xyz = np.stack([series[name][1] for name in ("x", "y", "z")], axis=1)
@@ -209,7 +216,7 @@ def _in_start_frame(xyz: Array, rpy: Array) -> tuple[Array, Array]:
     return np.stack([x, y, xyz[:, 2]], axis=1), np.array([tilt(float(roll), float(pitch)) for roll, pitch, _ in rpy])
 
 
-def _sensor(log: Log, rig: Rig, name: str, origin: float) -> tuple[Array, Array]:
+def _sensor(log: Log, rig: Rig, name: str) -> tuple[Array, Array]:
     """Return when a sensor's values were sampled [s], and the values in SI; each sample once."""
     sensor = next((sensor for sensor in rig.sensors if sensor.name == name), None)
     times: list[float] = []
@@ -218,7 +225,7 @@ def _sensor(log: Log, rig: Rig, name: str, origin: float) -> tuple[Array, Array]
         age = cycle["age_s"].get(name)
         if sensor is None or age is None:
             continue
-        t = float(cycle["t"]) + float(cycle["read_s"]) - float(age) - origin
+        t = float(cycle["t"]) + float(cycle["read_s"]) - float(age)
         if not times or t > times[-1] + 1e-4:
             times.append(t)
             values.append((int(cycle["raw"][name]) - sensor.zero) * sensor.scale)

@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Final
 
 import numpy as np
 
 from controller.rig import Rig
 from deploy.comparison import Array, Track
 
-if TYPE_CHECKING:
-    import mujoco
+STEP_S: Final = 0.001
+"""Simulation step [s]. Steps count from the log's time 0; what arrives within a step acts from its beginning."""
 
-STEP_S_MAX = 0.001
-"""Largest simulation step; steps shrink so that one ends at every goal and every sample [s]."""
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Hold the state that a run begins from, at rest.
+
+    Args:
+        time_s: when that was [s]
+        joint_rad: joint angles [rad], (njoint,)
+        held_rad: goals standing at the servos [rad], (njoint,)
+        base: base position [m] and roll, pitch, yaw [rad], (6,), as a virtual rig's judge saw them; None: the body
+            stands under `held_rad` until it has settled on its feet
+    """
+
+    time_s: float
+    joint_rad: Array
+    held_rad: Array
+    base: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,29 +61,19 @@ class SampleTimes:
     force_s: Array
 
 
-def replay_goals(
-    rig: Rig, start_rad: Sequence[float], held_rad: Sequence[float], goals: GoalWrites, samples: SampleTimes
-) -> Track:
+def replay_goals(rig: Rig, start: Start, goals: GoalWrites, samples: SampleTimes) -> Track:
     """Drive the rig's nominal simulation, base free, with logged goals; it sees nothing else of the run.
-
-    The body stands from `start_rad` under the goals `held_rad` until it has settled on its feet; there time 0 begins.
 
     Args:
         rig: the rig, with the gains that its servos were given
-        start_rad: joint angles at time 0 [rad], (njoint,)
-        held_rad: goals standing at the servos at time 0 [rad], (njoint,)
-        goals: those that follow
-        samples: when to look
+        start: where it begins
+        goals: what the servos were told
+        samples: when to look; before the start it is there that the body is
 
     Returns:
         what the simulation did, in the frame of its start
     """
-    # MuJoCo is not on every machine that drives servos
-    from sim_models.body import build_model
-
-    body = _Body(build_model(rig, form="free", timestep_s=STEP_S_MAX), rig)
-    body.stand(start_rad, held_rad)
-
+    body = _Body(rig, start)
     # samples first: what arrives at an instant acts from then on
     looks = (samples.joint_s, samples.pose_s, samples.force_s, goals.time_s)
     agenda = sorted((float(t), kind, index) for kind, times in enumerate(looks) for index, t in enumerate(times))
@@ -91,47 +95,43 @@ def replay_goals(
 
 
 class _Body:
-    """The simulated body, moved to exact times."""
+    """The simulated body at the last step that has begun."""
 
-    def __init__(self, model: mujoco.MjModel, rig: Rig) -> None:
+    def __init__(self, rig: Rig, start: Start) -> None:
+        # MuJoCo is not on every machine that drives servos
         import mujoco
 
-        from sim_models.body import body_layout
+        from sim_models.body import SETTLE_S, base_pose, body_layout, build_model
 
-        self._model = model
-        self._data = mujoco.MjData(model)
-        self._layout = body_layout(model, rig)
-        self._t = 0.0
-        self._start = (0.0, 0.0, 0.0)
-
-    def stand(self, start_rad: Sequence[float], held_rad: Sequence[float]) -> None:
-        """Settle on the feet, then begin."""
-        import mujoco
-
-        from sim_models.body import SETTLE_S, base_pose
-
-        self._data.qpos[self._layout.qpos] = start_rad
-        self.aim(held_rad)
-        mujoco.mj_step(self._model, self._data, round(SETTLE_S / STEP_S_MAX))
-        self._data.qvel[:] = 0.0
-        self._data.qacc_warmstart[:] = 0.0
+        self._model = build_model(rig, form="free", timestep_s=STEP_S, lean=True)
+        self._data = mujoco.MjData(self._model)
+        self._layout = body_layout(self._model, rig)
+        self._step = _step_at(start.time_s)
+        self._data.qpos[self._layout.qpos] = start.joint_rad
+        self.aim(start.held_rad)
+        if start.base is None:
+            mujoco.mj_step(self._model, self._data, round(SETTLE_S / STEP_S))
+            self._data.qvel[:] = 0.0
+            self._data.qacc_warmstart[:] = 0.0
+        else:
+            self._data.qpos[:3] = start.base[:3]
+            self._data.qpos[3:7] = _quaternion(*start.base[3:])
         mujoco.mj_forward(self._model, self._data)
         pose = base_pose(self._model, self._data)
         self._start = (pose.x, pose.y, pose.heading)
 
-    def aim(self, goal_rad: Sequence[float] | Array) -> None:
+    def aim(self, goal_rad: Array) -> None:
         """Let goals arrive at the servos."""
         self._data.ctrl[self._layout.actuator] = goal_rad
 
     def advance(self, t: float) -> None:
-        """Step to a time: in equal steps, the last of which ends there."""
+        """Move to the step that begins at a time or holds it."""
         import mujoco
 
-        nstep = math.ceil((t - self._t) / STEP_S_MAX - 1e-6)
-        if nstep > 0:
-            self._model.opt.timestep = (t - self._t) / nstep
-            mujoco.mj_step(self._model, self._data, nstep)
-            self._t = t
+        step = _step_at(t)
+        if step > self._step:
+            mujoco.mj_step(self._model, self._data, step - self._step)
+            self._step = step
 
     def joint_rad(self) -> Array:
         """Return the joints' angles [rad], (njoint,)."""
@@ -152,6 +152,23 @@ class _Body:
         from sim_models.body import base_force
 
         return base_force(self._model, self._data)
+
+
+def _step_at(t: float) -> int:
+    return math.floor(t / STEP_S + 1e-6)
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> Array:
+    """Return the rotation about x, then y, then z, as w, x, y, z."""
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle / 2), math.sin(angle / 2)) for angle in (roll, pitch, yaw))
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
 
 
 def to_start_frame(x: Array, y: Array, start: tuple[float, float, float]) -> tuple[Array, Array]:
