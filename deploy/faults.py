@@ -34,7 +34,7 @@ KINDS: Final[Mapping[str, tuple[Meaning, str]]] = {
 """Kind => what its value is, and what happens."""
 
 _SPEC: Final = re.compile(
-    r"(?P<kind>[a-z-]+)=(?P<value>[^@]+)(@(?P<start>[0-9.eE+]+?)(-(?P<end>[0-9.eE+]+))?)?", re.ASCII
+    r"(?P<kind>[a-z-]+)=(?P<value>[^@]+)(@(?P<start>[0-9.]+)(-(?P<end>[0-9.]+))?)?", re.ASCII
 )
 
 

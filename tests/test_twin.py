@@ -1,0 +1,44 @@
+"""Twin files: what ships loads, and every mistake is one sentence."""
+
+from pathlib import Path
+
+import pytest
+
+import deploy.twin
+from controller.errors import InputError
+from controller.rig_file import load_rig
+from deploy.twin import load_twin
+from deploy.virtual_rig import VirtualRig
+
+RIG = load_rig("lamp-xc330")
+TWINS = Path(deploy.twin.__file__).parent / "twins"
+
+
+def test_shipped_twins_load_and_wrong_ones_are_one_sentence(tmp_path):
+    shipped = {path.name: load_twin(path) for path in TWINS.iterdir()}
+    assert shipped["weak-torque.toml"].torque_scale == 0.8
+    path = tmp_path / "mine.toml"
+    for keys, expected in {
+        "torque = 0.8": "line 4: [twin]: 'torque' is not known; did you mean 'torque_scale'?",
+        "torque_scale = 0": "line 4: [twin]: torque_scale 0 is out of range; write a number from 0.05 to 5",
+        "supply_v = '5'": "supply_v is the text '5'; write a number",
+        "mass_scale = inf": "mass_scale is not finite",
+    }.items():
+        path.write_text(f"format = 1\n[twin]\nname = 'x'\n{keys}\n")
+        with pytest.raises(InputError) as caught:
+            load_twin(path)
+        assert expected in str(caught.value)
+        assert str(caught.value).startswith(str(path))
+    for text, expected in {
+        "format = 1\n[twin]\n": "name is missing",
+        "format = 1\n": "table [twin] is missing",
+        "[twin]\nname = 'x'": "format is missing",
+    }.items():
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            load_twin(path)
+        assert expected in str(caught.value)
+        assert str(caught.value).startswith(str(path))
+    path.write_text("format = 1\n[twin]\nname = 'x'\ntimestep_s = 0.0003\n")
+    with pytest.raises(InputError, match="does not divide the period"):
+        VirtualRig(RIG, twin=load_twin(path))
