@@ -61,6 +61,7 @@ _NOTE: Any = {
     "textcoords": "offset points",
     "fontsize": 8.0,
     "color": "#6b7078",
+    "bbox": {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0},
 }
 
 
@@ -185,6 +186,7 @@ def _label_path(found: Comparison, side: Axes, top: Axes, clear: Axes, distance:
     real, sim = found.real_outcome, found.sim_outcome
     side.set(ylabel="height [cm]", title="Side view of the base's centre (the dot is where it ends)")
     top.set(xlabel="towards the goal [cm]", ylabel="left [cm]", title="The same from above")
+    top.sharex(side)
     for ax in (side, top):
         ax.set_aspect("equal", adjustable="datalim")
     clear.set(

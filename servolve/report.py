@@ -85,6 +85,7 @@ def report_html(found: Comparison, strip_base64: str | None = None) -> str:
         outcome=outcome_rows(found),
         errors=error_rows(found),
         pose_note=_POSE_NOTES[found.pose_source],
+        lockstep=found.meta.get("port") == "virtual",
         timing=timing_rows(found),
         inputs=_input_rows(controller),
         outputs=_output_rows(controller),
