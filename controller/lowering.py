@@ -16,7 +16,7 @@ import numpy.typing as npt
 from controller.errors import InputError
 from controller.operations import BY_NAME, BY_OPCODE, OPERATIONS
 from controller.program import INSTRUCTION, Program
-from controller.source import Apply, Constant, Expression, Last, Name, Source
+from controller.source import Apply, Constant, Expression, Name, Source
 from controller.verifier import INPUT_MAX, INSTRUCTION_MAX, OUTPUT_MAX, STATE_MAX
 
 NODE_MAX: Final = 200_000
@@ -33,6 +33,7 @@ _SELECT: Final = {BY_NAME["if"].opcode, BY_NAME["ifltz"].opcode}
 _LOAD: Final = BY_NAME["load"].opcode
 _STORE: Final = BY_NAME["store"].opcode
 _ROW: Final = {o.name: (o.opcode, o.arity, o.nstate) for o in OPERATIONS if not o.internal}
+_UNKNOWN: Final = (0, -1, 0)
 _SHAPE: Final = {o.opcode: (o.arity, o.nstate) for o in OPERATIONS}
 
 
@@ -100,11 +101,14 @@ class _Growing:
         """Add an expression's instructions, operands first and left to right; return its value."""
         values: list[int] = []
         push, pop = values.append, values.pop
-        names, pool, pooled = self.names, self.pool, self.pooled
+        names = self.names
         for node in reversed(_preorder(root)):
-            kind = type(node)
-            if kind is Apply:
-                opcode, arity, nstate = _ROW[node.operation]  # type: ignore[union-attr]
+            if isinstance(node, Apply):
+                opcode, arity, nstate = _ROW.get(node.operation, _UNKNOWN)
+                if len(node.operands) != arity:
+                    raise InputError(
+                        f"'{node.operation}' is no operation of {len(node.operands)} operands; see the table"
+                    )
                 if arity == 2:
                     b = pop()
                     values[-1] = self.apply(opcode, nstate, (values[-1], b))
@@ -112,21 +116,14 @@ class _Growing:
                     operands = tuple(values[-arity:])
                     del values[-arity:]
                     push(self.apply(opcode, nstate, operands))
-            elif kind is Name:
+            elif isinstance(node, Name):
                 try:
-                    push(names[node.name])  # type: ignore[union-attr]
+                    push(names[node.name])
                 except KeyError:
-                    raise InputError(f"unknown terminal '{node.name}'; known: {' '.join(names)}") from None  # type: ignore[union-attr]
-            elif kind is Constant:
-                value = node.value  # type: ignore[union-attr]
-                key = value.tobytes()
-                at = pooled.get(key)
-                if at is None:
-                    at = pooled[key] = len(pool)
-                    pool.append(value)
-                push(-1 - at)
+                    raise InputError(f"unknown terminal '{node.name}'; known: {' '.join(names)}") from None
+            elif isinstance(node, Constant):
+                push(self.literal(node.value))
             else:
-                assert isinstance(node, Last)
                 push(self.load(node.name))
         return values[0]
 
@@ -204,6 +201,8 @@ class _Growing:
         key = value.tobytes()
         at = self.pooled.get(key)
         if at is None:
+            if not np.isfinite(value):
+                raise InputError(f"the constant {value} is not finite; write finite numbers")
             at = self.pooled[key] = len(self.pool)
             self.pool.append(value)
         return -1 - at
@@ -227,6 +226,8 @@ class _Growing:
     def finish(self, outputs: list[int], prune: bool) -> Program:
         """Give every value its register; with `prune`, leave out what no output needs."""
         self.check_size()
+        if len(set(self.inputs)) != len(self.inputs):
+            raise InputError("two terminals have the same name; give each its own")
         if len(self.inputs) > INPUT_MAX:
             raise InputError(f"the program has {len(self.inputs)} inputs; use at most {INPUT_MAX}")
         if not 1 <= len(outputs) <= OUTPUT_MAX:
@@ -253,7 +254,7 @@ def _preorder(root: Expression) -> list[Expression]:
     while todo:
         node = todo.pop()
         order.append(node)
-        if type(node) is Apply:
+        if isinstance(node, Apply):
             todo.extend(node.operands)
             if len(order) > NODE_MAX:
                 raise InputError(f"an expression has more than {NODE_MAX} nodes; write a smaller one")

@@ -213,6 +213,11 @@ def chain(length):
         ([Name("t0")], tuple(f"t{i}" for i in range(65)), "65 inputs"),
         ([Name("q")], TERMINALS, "unknown terminal 'q'"),
         ([Last("t")], TERMINALS, "not a definition"),
+        ([Name("t")], ("t", "t"), "same name"),
+        ([Constant(np.float32(np.nan))], TERMINALS, "not finite"),
+        ([Apply("+", (Name("t"),))], TERMINALS, "no operation of 1 operands"),
+        ([Apply("load", ())], TERMINALS, "no operation of 0 operands"),
+        ([Apply("plus", (Name("t"), Name("t")))], TERMINALS, "no operation of 2 operands"),
     ],
 )
 def test_bounds(outputs, terminals, what):
