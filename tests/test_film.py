@@ -59,7 +59,7 @@ def test_video_lasts_as_long_as_the_motion(motion, tmp_path):
     write_video(short, path)
     with imageio.get_reader(path) as reader:
         facts = reader.get_meta_data()
-        frames = list(reader)
+        frames = list(reader.iter_data())
     assert facts["fps"] == 50 and len(frames) == 15
     assert frames[0].shape == (480, 1280, 3)
     assert np.abs(frames[0].astype(int) - frames[-1]).max() > 100
