@@ -253,6 +253,9 @@ def _run(
         if done.fault:
             raise FaultError(done.fault)
         periods.heed_stop()
+    periods.finish()
+    outcome.pose = io.sensor_values()
+    _look(periods)
     outcome.reason = "the time is over"
     outcome.done = True
 
@@ -293,6 +296,6 @@ def _unload(periods: Periods, outcome: Outcome) -> None:
             return
         except RunError as error:
             periods.event("torque", str(error))
-    outcome.unsure = release(bus, rig)
+    outcome.unsure = release(bus, rig, periods.clock)
     sure = "torque is off on every servo, as read back"
     periods.event("torque", unsure_sentence(outcome.unsure) if outcome.unsure else sure)

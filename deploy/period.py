@@ -181,6 +181,11 @@ class Periods:
         done.fault = done.fault or judge_timing(self.rig, self.watch, done.overran)
         return done
 
+    def finish(self) -> None:
+        """Wait for the end of the last period; look at the sensors once more."""
+        self.clock.sleep_until(self._begin + self.rig.period_s)
+        self.io.read_sensors()
+
     def _wait(self) -> None:
         # a period that is more than one period late makes all later ones late by whole periods: no catching up
         self._begin += self.rig.period_s

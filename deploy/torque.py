@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Final
 
 from controller.registers import registers
 from controller.rig import Joint, Rig
+from deploy.clock import Clock
 from deploy.dynamixel_bus import BusError, DynamixelBus, encode
 from deploy.joint_counts import count_limits
 from deploy.port import PortLostError
 
-_RELEASE_ROUNDS = 5
-_WATCHDOG_UNIT_S = 0.02
+_RELEASE_S_MAX: Final = 1.0
+_RELEASE_PAUSE_S: Final = 0.05
+_WATCHDOG_UNIT_S: Final = 0.02
 
 
 def write_settings(bus: DynamixelBus, rig: Rig, derate: float) -> None:
@@ -84,22 +87,31 @@ def torque_on(bus: DynamixelBus, rig: Rig) -> None:
             bus.write_register(joint.id, registers(joint.product)["bus_watchdog"], counts)
 
 
-def release(bus: DynamixelBus, rig: Rig) -> list[Joint]:
+def release(bus: DynamixelBus, rig: Rig, clock: Clock) -> list[Joint]:
     """Switch every servo's torque off and read it back; a servo that does not answer keeps none of the others waiting.
+
+    All are told at once, then each in turn; those that can not be read back are tried again for a second.
 
     Args:
         bus: the bus
         rig: the rig
+        clock: the bus's time
 
     Returns:
         the joints whose torque is not known to be off
     """
     table = registers(rig.joints[0].product)["torque_enable"]
+    left = list(rig.joints)
+    until = clock.now() + _RELEASE_S_MAX
     try:
         bus.sync_write(table.address, {joint.id: encode(table, 0) for joint in rig.joints})
-        return _each(rig.joints, lambda joint: _switch_off(bus, joint))
+        left = [joint for joint in left if not _switch_off(bus, joint)]
+        while left and clock.now() < until:
+            clock.sleep_until(clock.now() + _RELEASE_PAUSE_S)
+            left = [joint for joint in left if not _switch_off(bus, joint)]
     except PortLostError:
-        return list(rig.joints)
+        pass  # who is left is told
+    return left
 
 
 def unsure_sentence(joints: Sequence[Joint]) -> str:
@@ -129,21 +141,12 @@ def hold(bus: DynamixelBus, rig: Rig) -> None:
             raise BusError(f"joint {joint.name} (servo {joint.id}) was to hold, but its torque is off")
 
 
-def _switch_off(bus: DynamixelBus, joint: Joint) -> None:
+def _switch_off(bus: DynamixelBus, joint: Joint) -> bool:
+    """Switch one servo's torque and watchdog off; return whether it reads so."""
     table = registers(joint.product)
-    bus.write_register(joint.id, table["torque_enable"], 0, attempts=1)
-    bus.write_register(joint.id, table["bus_watchdog"], 0, attempts=1)
-
-
-def _each(joints: Sequence[Joint], switch_off: Callable[[Joint], None]) -> list[Joint]:
-    """Try each joint in turn, several times; return those that failed every time."""
-    left = list(joints)
-    for _ in range(_RELEASE_ROUNDS):
-        failed = []
-        for joint in left:
-            try:
-                switch_off(joint)
-            except BusError:
-                failed.append(joint)
-        left = failed
-    return left
+    try:
+        bus.write_register(joint.id, table["torque_enable"], 0, attempts=1)
+        bus.write_register(joint.id, table["bus_watchdog"], 0, attempts=1)
+    except BusError:
+        return False
+    return True

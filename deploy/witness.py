@@ -39,6 +39,11 @@ class Witness:
             "joint_vel": dict(zip(names, _rounded(truth.joint_vel), strict=True)),
         }
 
+    @property
+    def t(self) -> float:
+        """Return the rig's time of what was last seen: on the line, the rig is ahead of the host [s]."""
+        return self._seen[-1].t
+
     def verdict(self, goal_dist: float, goal_bearing: float) -> Mapping[str, Any]:
         """Return what was seen in all.
 

@@ -90,7 +90,7 @@ def bench(request):
         try:
             yield Bench(rig, link.bus, link.clock, not option("--port"))
         finally:
-            left = release(link.bus, rig)
+            left = release(link.bus, rig, link.clock)
             assert not left, f"torque is not known to be off: {[joint.name for joint in left]}"
 
 
@@ -105,7 +105,7 @@ def armed(bench):
     try:
         yield go_to_neutral(bench, goals)
     finally:
-        assert release(bench.bus, bench.rig) == []
+        assert release(bench.bus, bench.rig, bench.clock) == []
 
 
 def go_to_neutral(bench, start):
