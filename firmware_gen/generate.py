@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from controller import Controller
-from controller.errors import RunError
+from controller.errors import InputError
 from firmware_gen.header import header_text
 from firmware_gen.source import source_text
 from firmware_gen.unit import Unit, make_unit
@@ -71,8 +71,7 @@ def transpile(controller: Controller, out_dir: Path | str, name: str | None = No
         the paths
 
     Raises:
-        InputError: the name is not a C identifier
-        RunError: the files can not be written
+        InputError: the name is not a C identifier, or the files can not be written
     """
     generated = generate(controller, name)
     folder = Path(out_dir)
@@ -82,5 +81,5 @@ def transpile(controller: Controller, out_dir: Path | str, name: str | None = No
         header.write_text(generated.header, encoding="utf-8", newline="\n")
         source.write_text(generated.source, encoding="utf-8", newline="\n")
     except OSError as error:
-        raise RunError(f"{error.filename}: {error.strerror}; choose a folder that can be written") from None
+        raise InputError(f"{error.filename}: {error.strerror}; choose a folder that can be written") from None
     return Transpiled(generated.unit, header, source)

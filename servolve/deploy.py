@@ -81,6 +81,8 @@ def deploy(
     about = load_rig(rig)
     virtual = port == VIRTUAL
     _check_arguments(virtual, goal, seconds, derate, bool(twin or fault or seed), sensor_port, real_time)
+    if seed < 0:
+        raise InputError(f"--seed {seed}: is negative; give a whole number from 0")
     if seconds is None:
         seconds = float(program.provenance.get("time_limit_s", SECONDS))
     options = RunOptions(goal, 0.0, seconds, arm or virtual, derate)
