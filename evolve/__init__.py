@@ -1,1 +1,18 @@
-"""TODO."""
+"""Evolution: tasks, genetic programming, runs."""
+
+from evolve.history import ordered_dump
+from evolve.run import Progress, RunConfig, RunResult, evolve
+from evolve.settings import Settings, apply_overrides
+from evolve.task import Task, load_task
+
+__all__ = [
+    "Progress",
+    "RunConfig",
+    "RunResult",
+    "Settings",
+    "Task",
+    "apply_overrides",
+    "evolve",
+    "load_task",
+    "ordered_dump",
+]

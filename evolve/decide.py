@@ -1,4 +1,4 @@
-"""The decision: candidates of all generations meet unseen conditions in full physics; more unseen ones judge the best."""
+"""The decision: candidates meet unseen conditions in full physics, and further unseen ones judge the best."""
 
 from __future__ import annotations
 
@@ -140,9 +140,7 @@ def decide(
     unseen = draw_conditions(generator(seed, Stream.DECISION), settings, settings.decision_goals, njoint)
     race = Race(max(1, settings.decision_goals // _RACE_SHARE_OF_CONDITIONS), _RACE_SHARE_OF_CANDIDATES, 1.0)
     programs = [candidate.program for candidate in hall]
-    evaluation = evaluate(
-        task, pool, [candidate.controller for candidate in hall], programs, unseen, Cache(), race
-    )
+    evaluation = evaluate(task, pool, [candidate.controller for candidate in hall], programs, unseen, Cache(), race)
     incomplete = evaluation.met < len(unseen)
     best = hall[int(np.lexsort((evaluation.fitness(1.0), incomplete))[0])]
     held_out = draw_conditions(generator(seed, Stream.HELD_OUT), settings, settings.held_out_goals, njoint)

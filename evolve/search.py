@@ -140,4 +140,3 @@ def controller_of(gp: TreeGp, template: Controller, individual: Individual) -> C
     expression = source(gp, individual)
     names = [terminal.name for terminal in template.inputs]
     return dataclasses.replace(template, source=expression, program=lower(expression, names))
-

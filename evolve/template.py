@@ -42,7 +42,7 @@ def controller_template(task: Task, rig: Rig, settings: Settings) -> Controller:
     outputs = tuple(_output(joint) for joint in rig.joints)
     source = Source(tuple(Constant(np.float32(output.neutral)) for output in outputs))
     controller = Controller(
-        name=task.name,
+        name=task.name.replace("-", "_"),  # as C would have it
         period_s=rig.period_s,
         inputs=tuple(_input(supplied[name], rig, settings) for name in task.terminals),
         outputs=outputs,

@@ -1,0 +1,14 @@
+"""The lamp: hop to one goal and stand there."""
+
+from __future__ import annotations
+
+from evolve.lamp_robust import TASK as ROBUST
+from evolve.task import Settings, Task
+
+TASK = Task(
+    name="lamp",
+    rig=ROBUST.rig,
+    terminals=ROBUST.terminals,
+    fitness=ROBUST.fitness,
+    settings=Settings(population=150, generations=15, goals=3, goal_low_m=0.3, goal_high_m=0.3),
+)

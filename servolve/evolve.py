@@ -1,0 +1,165 @@
+"""`servolve evolve`: evolve a controller."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as ProgressBar
+from rich.table import Table
+
+import evolve as evolution
+from controller.errors import InputError
+from evolve.run_folder import free_folder
+
+RUNS: Final = Path("runs")
+
+_SEED_MAX: Final = 2**63 - 1
+_THREADS_MAX: Final = 1024
+_LOG_EVERY_S: Final = 10.0  # between lines where standard error is no terminal
+
+
+def evolve(
+    task: str,
+    /,
+    *,
+    rig: str | None = None,
+    out: Path | None = None,
+    seed: int = 1,
+    population: int | None = None,
+    generations: int | None = None,
+    threads: int | None = None,
+    set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Evolve a controller for a task and leave a run folder; the best is its best.controller.toml.
+
+    The same task, settings and seed give the same run at any number of threads.
+
+    Args:
+        task: lamp (one goal), lamp-robust (any goal in 10 to 60 cm), or the path of a task's Python file
+        rig: name or path of the rig; left out: the task's own
+        out: folder of the run, new or empty; left out: runs/TASK-SEED
+        seed: of all chance
+        population: individuals of a generation
+        generations: how many
+        threads: threads that simulate; left out: one per CPU
+        set_: KEY=VALUE, one of the run's settings, as often as needed
+        quiet: no progress
+        json_: print one JSON object
+
+    Returns:
+        exit status
+    """
+    _check("--seed", seed, 0, _SEED_MAX)
+    if threads is not None:
+        _check("--threads", threads, 1, _THREADS_MAX)
+    loaded = evolution.load_task(task)
+    overrides = [
+        *(set_ or []),
+        *([] if population is None else [f"population={population}"]),
+        *([] if generations is None else [f"generations={generations}"]),
+    ]
+    settings = evolution.apply_overrides(loaded.settings, overrides)
+    folder = out if out is not None else free_folder(RUNS, f"{loaded.name}-{seed}")
+    config = evolution.RunConfig(loaded, folder, seed, settings, rig, threads)
+    with _reporter(quiet, settings.generations) as report:
+        result = evolution.evolve(config, report)
+    if json_:
+        print(json.dumps(_summary(result)))
+    elif not quiet:
+        Console(file=sys.stdout).print(_table(result))
+    return 0
+
+
+def _check(name: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        raise InputError(f"{name} {value}: not from {low} to {high}; give a number in this range")
+
+
+@contextmanager
+def _reporter(quiet: bool, generations: int) -> Iterator[Callable[[evolution.Progress], None]]:
+    """Yield what is called after each generation: a live display on a terminal, now and then a line elsewhere."""
+    console = Console(stderr=True)
+    if quiet:
+        yield lambda progress: None
+    elif console.is_terminal:
+        bar = ProgressBar(
+            TextColumn("generation"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+        )
+        work = bar.add_task("generation", total=generations)
+        with Live(bar, console=console, refresh_per_second=4) as live:
+
+            def show(progress: evolution.Progress) -> None:
+                bar.update(work, completed=progress.generation + 1)
+                live.update(_live(bar, progress))
+
+            yield show
+    else:
+        told_s = -math.inf
+
+        def tell(progress: evolution.Progress) -> None:
+            nonlocal told_s
+            last = progress.generation + 1 == progress.generations
+            if last or progress.seconds - told_s >= _LOG_EVERY_S:
+                told_s = progress.seconds
+                print(_line(progress), file=sys.stderr, flush=True)
+
+        yield tell
+
+
+def _live(bar: ProgressBar, progress: evolution.Progress) -> Table:
+    """Return the bar with the latest generation's figures under it."""
+    grid = Table.grid()
+    grid.add_row(bar)
+    grid.add_row(_line(progress))
+    return grid
+
+
+def _line(progress: evolution.Progress) -> str:
+    """Say how a generation did."""
+    rate = progress.simulations / max(progress.seconds, 1e-9)
+    return (
+        f"generation {progress.generation + 1}/{progress.generations}: best {progress.best:.4f}"
+        f" (main {progress.main:.4f}), mean {progress.mean:.3f}, hits {progress.hits}/{progress.conditions},"
+        f" {progress.nodes} nodes, {rate:.0f} rollouts/s"
+    )
+
+
+def _summary(result: evolution.RunResult) -> dict[str, Any]:
+    """Return what `--json` prints."""
+    return {
+        "run": str(result.folder),
+        "controller": str(result.folder / "best.controller.toml"),
+        "generation": result.candidate.generation,
+        "program_hash": result.candidate.program,
+        "nodes": result.candidate.nodes,
+        "held_out": dataclasses.asdict(result.validation),
+        "simulations": result.simulations,
+        "seconds": round(result.seconds, 3),
+    }
+
+
+def _table(result: evolution.RunResult) -> Table:
+    """Return what a run came to, for people."""
+    v = result.validation
+    table = Table("best.controller.toml", str(result.folder / "best.controller.toml"), title_justify="left")
+    table.add_row("found in", f"generation {result.candidate.generation}, {result.candidate.nodes} nodes")
+    table.add_row("judged by", f"{v.conditions} unseen goals and rigs, free base, full physics")
+    table.add_row("error at the end", f"mean {v.mean_error_m * 100:.2f} cm, median {v.median_error_m * 100:.2f} cm")
+    table.add_row("hits", f"{v.hits:.0%} (within 1.5 cm, at rest, upright); {v.passed:.0%} passed within 1.5 cm")
+    table.add_row("near", f"{v.within_50_mm:.0%} within 5 cm, upright; {v.falls:.0%} fell")
+    table.add_row("hops", f"mean {v.hops_mean:.1f}, fewest {v.hops_min}, {v.clearance_m * 1000:.0f} mm clearance")
+    table.add_row("took", f"{result.simulations} rollouts in {result.seconds:.0f} s")
+    return table

@@ -1,0 +1,77 @@
+"""A run's history: whole generations or nothing, and a dump that depends on the run alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sqlite3
+
+import pytest
+
+from controller.errors import InputError
+from evolve.history import EvaluationRow, GenerationRow, History, ordered_dump
+
+GENERATION = GenerationRow(0, "draw", (0.1, 0.4), 0.5, 0.2, 0.3, 1, 8, 1.5)
+ROWS = [
+    EvaluationRow("bb", 3, "(list t)", "start", (), 2, 0.25, 0.125),
+    EvaluationRow("aa", 5, "(list px)", "crossover", (3, 7), 4, float("inf"), 0.0),
+    EvaluationRow("bb", 3, "(list t)", "reproduction", (0,), 2, 0.25, 0.125),
+]
+
+
+def written(path, generations, rows=ROWS):
+    with History(path) as history:
+        for generation in generations:
+            history.record(generation, rows)
+    return ordered_dump(path)
+
+
+def test_the_dump_holds_everything_but_the_times(tmp_path):
+    lines = [json.loads(line) for line in written(tmp_path / "a.sqlite", [GENERATION]).splitlines()]
+    assert lines == [
+        ["program", "aa", 5, "(list px)"],
+        ["program", "bb", 3, "(list t)"],
+        ["generation", 0, "draw", "[0.1, 0.4]", 0.5, 0.2, 0.3, 1, 8],
+        ["evaluation", 0, 0, "bb", "start", "[]", 2, "draw", 0.25, 0.125],
+        ["evaluation", 0, 1, "aa", "crossover", "[3, 7]", 4, "draw", float("inf"), 0.0],
+        ["evaluation", 0, 2, "bb", "reproduction", "[0]", 2, "draw", 0.25, 0.125],
+    ]
+
+
+def test_times_do_not_show_and_everything_else_does(tmp_path):
+    first = written(tmp_path / "a.sqlite", [GENERATION])
+    assert first == written(tmp_path / "b.sqlite", [dataclasses.replace(GENERATION, seconds=99.0)])
+    for index, change in enumerate(({"draw": "x"}, {"goals": (0.1,)}, {"best": 0.1}, {"hits": 2}, {"simulations": 9})):
+        assert first != written(tmp_path / f"g{index}.sqlite", [dataclasses.replace(GENERATION, **change)])
+    for index, change in enumerate(({"program": "cc"}, {"operator": "elite"}, {"parents": (1,)}, {"main": 1.0})):
+        rows = [dataclasses.replace(ROWS[0], **change), *ROWS[1:]]
+        assert first != written(tmp_path / f"e{index}.sqlite", [GENERATION], rows)
+
+
+def test_the_order_of_writing_does_not_show(tmp_path):
+    later = dataclasses.replace(GENERATION, generation=1)
+    assert written(tmp_path / "a.sqlite", [GENERATION, later]) == written(tmp_path / "b.sqlite", [later, GENERATION])
+
+
+def test_a_generation_is_recorded_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "a.sqlite"
+    before = written(path, [GENERATION])
+    broken = [*ROWS, dataclasses.replace(ROWS[0], main=None)]
+    with History(path) as history, pytest.raises(sqlite3.IntegrityError):
+        history.record(dataclasses.replace(GENERATION, generation=1), broken)
+    assert ordered_dump(path) == before
+
+
+def test_numbers_survive_bit_by_bit(tmp_path):
+    value = 0.1 + 0.2
+    dump = written(tmp_path / "a.sqlite", [GENERATION], [dataclasses.replace(ROWS[0], main=value)])
+    assert json.loads(dump.splitlines()[-1])[-2] == value
+
+
+@pytest.mark.parametrize("content", [None, b"", b"not a database, though long enough to look like one" * 40])
+def test_what_is_no_history_is_said_so(tmp_path, content):
+    path = tmp_path / "history.sqlite"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"history\.sqlite"):
+        ordered_dump(path)
