@@ -1,0 +1,266 @@
+"""`servolve simulate`: one closed-loop simulation of a controller, told, logged and filmed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import numpy as np
+from cyclopts import Parameter
+from rich.console import Console
+from rich.table import Table
+
+from controller import Controller, Rig, controller_text, load_controller, load_rig
+from controller.errors import InputError, RunError
+
+if TYPE_CHECKING:
+    from deploy.twin import Twin
+    from sim_models.simulation import Simulation
+
+RIG: Final = "lamp-xc330"
+GOAL_M: Final = 0.4
+SECONDS: Final = 6.0
+TIMESTEP_S: Final = 0.001
+
+
+def simulate(
+    controller: Path,
+    /,
+    *,
+    rig: str | None = None,
+    goal: float = GOAL_M,
+    seconds: float | None = None,
+    timestep: float | None = None,
+    twin: Path | None = None,
+    log: Path | None = None,
+    video: Path | None = None,
+    strip: Path | None = None,
+    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Simulate a controller on a rig once, closed-loop, the base free.
+
+    Args:
+        controller: a controller file, or a run folder (its best)
+        rig: name that `servolve rig list` prints, or path of a rig file; left out: the one it was evolved on
+        goal: distance of the goal ahead of the start [m]
+        seconds: length of the simulation; left out: as long as a rollout of the controller's evolution, or 6 [s]
+        timestep: MuJoCo's step; left out: 0.001, or the twin's [s]
+        twin: twin file, which makes the physics differ from the rig's nominal ones
+        log: MCAP file to record
+        video: MP4 file to film
+        strip: PNG file for a strip of poses
+        json_: print one JSON object
+
+    Returns:
+        exit status; 0: simulated, wherever the base ended
+    """
+    program = load_controller(controller)
+    about = load_rig(rig or str(program.provenance.get("rig", RIG)))
+    length = float(program.provenance.get("time_limit_s", SECONDS)) if seconds is None else seconds
+    if not -100.0 <= goal <= 100.0:
+        raise InputError(f"--goal {goal:g}: is no distance in reach; give metres")
+    if not about.period_s <= length <= 600.0:
+        raise InputError(f"--seconds {length:g}: is not between {about.period_s:g} and 600; give another length")
+    console = Console(stderr=True)
+    run = _run(program, about, goal, length, timestep, twin, console)
+    status = int(run.statistics["status"])
+    if log is not None:
+        write_log(run, log, length, twin)
+    if strip is not None or video is not None:
+        from sim_models.film import motion_of, write_strip, write_video
+
+        motion = motion_of(run)
+        if strip is not None:
+            write_strip(motion, strip)
+        if video is not None:
+            write_video(motion, video)
+    told = summary(run) | {name: str(path) for name, path in (("log", log), ("video", video), ("strip", strip)) if path}
+    if json_:
+        print(json.dumps(told))
+    else:
+        _print(Console(), told)
+    if status != 0:
+        raise RunError(f"{program.name}: the simulation diverged at {told['seconds']:g} s; give a smaller --timestep")
+    return 0
+
+
+def summary(run: Simulation) -> dict[str, Any]:
+    """Return what is worth telling of a simulation.
+
+    Args:
+        run: the simulation
+
+    Returns:
+        field => number, text or None
+    """
+    row = run.statistics
+    told: dict[str, Any] = {
+        "controller": run.controller.name,
+        "rig": run.rig.name,
+        "goal_m": run.goal_dist,
+        "seconds": round(int(row["alive_steps"]) * run.rig.period_s, 9),
+        "diverged": bool(row["status"]),
+    }
+    for name, field in (
+        ("final_error_m", "final_error"),
+        ("final_px_m", "final_px"),
+        ("min_error_m", "min_error"),
+        ("end_speed_m_s", "end_speed"),
+        ("final_tilt_rad", "end_tilt"),
+        ("end_joint_error_rad", "end_joint_error"),
+        ("max_clearance_m", "max_clearance"),
+    ):
+        told[name] = round(float(row[field]), 6) if np.isfinite(row[field]) else None
+    told["hops"] = int(row["hops"])
+    told["upright"] = bool(row["upright_end"])
+    for name, field in (("first_hit_s", "first_hit_step"), ("arrived_s", "arrive_step")):
+        told[name] = round(int(row[field]) * run.rig.period_s, 9) if row[field] >= 0 else None
+    return told
+
+
+def write_log(run: Simulation, path: Path, seconds: float, twin: Path | None) -> None:
+    """Record a simulation as a log that `servolve replay` can put through again.
+
+    Args:
+        run: the simulation
+        path: the MCAP file
+        seconds: length that was asked for [s]
+        twin: its twin file, or None
+    """
+    from deploy.cycle_message import CycleWords, finite
+    from deploy.log import RunLog
+    from deploy.log_topics import FORMAT
+    from deploy.rig_io import raw_channels
+
+    rig, names = run.rig, raw_channels(run.rig)
+    words = CycleWords(rig, run.controller)
+    with RunLog(path) as record:
+        meta = {
+            "format": FORMAT,
+            "rig": rig.name,
+            "rig_text": rig.text,
+            "controller": run.controller.name,
+            "controller_text": controller_text(run.controller),
+            "goal_dist": run.goal_dist,
+            "goal_bearing": run.goal_bearing,
+            "period_s": rig.period_s,
+            "port": "simulation",
+            "seconds": seconds,
+            "twin": None if twin is None else twin.read_text(encoding="utf-8"),
+            "versions": _versions(),
+        }
+        record.write("/meta", 0.0, meta)
+        for k, t in enumerate(run.time_s.tolist()):
+            cycle = {
+                "k": k,
+                "raw": dict(zip(names, run.raw[k].tolist(), strict=True)),
+                "age_s": dict(zip(names, _ages(rig, t), strict=True)),
+                **words.values(run.terminals[k], run.outputs[k], run.goal_counts[k]),
+                "missed": [],
+                "t_write": t,
+                **dict.fromkeys(("late_s", "read_s", "compute_s", "write_s"), 0.0),
+            }
+            record.write("/cycle", t, cycle)
+            values = map(finite, run.trace[k].tolist())
+            record.write("/sim", t, {"k": k, "channels": dict(zip(run.channels, values, strict=True))})
+
+
+def _run(
+    program: Controller,
+    rig: Rig,
+    goal: float,
+    seconds: float,
+    timestep: float | None,
+    twin_path: Path | None,
+    console: Console,
+) -> Simulation:
+    """Simulate on the nominal rig or its twin."""
+    from sim_models.body import build_model
+    from sim_models.simulation import simulate as simulate_once
+
+    if twin_path is None:
+        return simulate_once(
+            program, rig, goal_dist=goal, timestep_s=TIMESTEP_S if timestep is None else timestep, time_limit_s=seconds
+        )
+    from deploy.twin import load_twin
+
+    twin = load_twin(twin_path)
+    step = (twin.timestep_s or TIMESTEP_S) if timestep is None else timestep
+    if twin.stiction_scale != 1.0:
+        console.print(
+            f"servolve: warning: {twin_path}: stiction_scale acts on the virtual rig only; it is left out here",
+            highlight=False,
+        )
+    # the twin's servos: their stall torque and supply change with their perturbation, their gain with the rig
+    joints = tuple(replace(joint, p_gain=round(joint.p_gain * twin.p_gain_scale)) for joint in rig.joints)
+    other = replace(rig, joints=joints)
+    model = build_model(other, timestep_s=step, lean=True)
+    for dof in (model.joint(joint.mjcf_joint).dofadr[0] for joint in rig.joints):
+        model.dof_frictionloss[dof] *= twin.joint_friction_scale
+        model.dof_damping[dof] *= twin.joint_damping_scale
+        model.dof_armature[dof] *= twin.armature_scale
+    return replace(
+        simulate_once(
+            program,
+            other,
+            goal_dist=goal,
+            timestep_s=step,
+            time_limit_s=seconds,
+            perturbations=twin_perturbations(twin, rig),
+            model=model,
+        ),
+        rig=rig,
+    )
+
+
+def twin_perturbations(twin: Twin, rig: Rig) -> Any:  # noqa: ANN401  sim_models is imported lazily
+    """Return the part of a twin that rollouts know as a perturbation.
+
+    Args:
+        twin: the twin
+        rig: the rig
+
+    Returns:
+        One row of `sim_models.perturbations.Perturbations`.
+    """
+    from sim_models.perturbations import nominal_perturbations
+
+    one = np.ones(1)
+    return replace(
+        nominal_perturbations(1, len(rig.joints)),
+        friction=one * twin.friction_scale,
+        mass=one * twin.mass_scale,
+        torque=np.full((1, len(rig.joints)), twin.torque_scale),
+        voltage=one * ((twin.supply_v or rig.supply_v) / rig.supply_v),
+        latency_s=one * twin.command_latency_s,
+        pose_noise_m=one * twin.position_noise_m,
+        angle_noise_rad=one * twin.angle_noise_rad,
+        force_noise_n=one * twin.force_noise_n,
+    )
+
+
+def _ages(rig: Rig, t: float) -> list[float]:
+    """Return how old each raw channel is at a control instant: servos are read then, sensor lines are held."""
+    slack = 1e-6
+    ages = [0.0] * (3 * len(rig.joints))
+    for sensor in rig.sensors:
+        newest = np.floor((t - sensor.latency_s) * sensor.rate_hz + slack)
+        ages.append(round(t - max(float(newest), 0.0) / sensor.rate_hz, 6))
+    return ages
+
+
+def _versions() -> dict[str, str]:
+    from importlib.metadata import version
+
+    return {package: version(package) for package in ("servolve", "mujoco-core", "numpy")}
+
+
+def _print(console: Console, told: dict[str, Any]) -> None:
+    """Print the summary as a table."""
+    table = Table(show_header=False, box=None)
+    for name, value in told.items():
+        shown = "-" if value is None else ("yes" if value else "no") if isinstance(value, bool) else str(value)
+        table.add_row(name.replace("_", " "), shown)
+    console.print(table, highlight=False)
