@@ -173,8 +173,8 @@ OPERATIONS: Final[tuple[Operation, ...]] = (
     Operation(
         "interpolate", 12, 3, 0, _interpolate, "sv_interpolate({a}, {b}, {c})", "a + (b - a) c, c held within 0 and 1"
     ),
-    Operation("sin", 13, 1, 0, float_math.sin, "sv_sin({a})", "sine of a in rad; 0 beyond |a| = 8192"),
-    Operation("cos", 14, 1, 0, float_math.cos, "sv_cos({a})", "cosine of a in rad; 1 beyond |a| = 8192"),
+    Operation("sin", 13, 1, 0, float_math.sin, "sv_sin({a})", "sine of a in rad; 0 beyond abs(a) = 8192"),
+    Operation("cos", 14, 1, 0, float_math.cos, "sv_cos({a})", "cosine of a in rad; 1 beyond abs(a) = 8192"),
     Operation("atan", 15, 1, 0, float_math.atan, "sv_atan({a})", "arc tangent of a, in rad"),
     Operation("exp", 16, 1, 0, float_math.exp, "sv_exp({a})", "e to the a, at most the largest finite number"),
     Operation("log", 17, 1, 0, float_math.log, "sv_log({a})", "natural logarithm of a; 0 if a <= 0"),

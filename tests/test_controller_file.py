@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from controller.controller_file import controller_text, load_controller, parse_c
 from controller.errors import InputError
 from controller.lowering import lower
 from controller.native import NativeProgram
-from controller.text import format_source
+from controller.text import format_source, parse
 from servolve.cli import main
 
 GOOD = '''format = 1
@@ -85,6 +86,19 @@ def test_figure_7_parses_and_prints_back_the_same(figure_7_text):
     again = parse_controller(controller_text(controller), "again")
     assert again.source == controller.source
     assert program_hash(again.program) == program_hash(controller.program)
+
+
+def test_the_manual_s_examples_load():
+    manual = (Path(__file__).parent.parent / "docs" / "controller.md").read_text()
+    example = re.search(r"```toml\n(.*?)```", manual, re.DOTALL)[1]
+    controller = parse_controller(example, "controller.md")
+    assert (controller.name, controller.filter, controller.slew_rad_s) == ("rocker", 0.6, 12)
+    network = re.search(r"\n    \(let (?:.*\n    )*.*\n", manual)[0]
+    source = parse(network, ())
+    swing = NativeProgram(lower(source, ())).run(0.02, np.empty((200, 0), np.float32))
+    assert [name for name, _ in source.definitions] == ["u", "v"]
+    # it oscillates by itself
+    assert (np.diff(np.sign(swing[:, 0])) != 0).sum() > 10
 
 
 def test_a_run_folder_is_its_best_controller(tmp_path):

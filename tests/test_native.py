@@ -143,6 +143,50 @@ def test_a_library_of_another_table_is_refused(copy):
     assert "was built from another table of operations; run `make setup`" in run_copy(copy, USE)
 
 
+SANITIZED = """
+import numpy as np
+from controller.controller import Controller, Input, Output
+from controller.lowering import lower
+from controller.native import NativeProgram, encode, pack_cycle
+from controller.operations import OPERATIONS
+from controller.rig_file import load_rig
+from controller.terminals import TerminalKind, TerminalSpec, terminals_of
+from controller.text import parse
+
+edges = np.array(
+    [0, -0.0, 1e-45, -1e-45, 1, 3.4e38, -3.4e38, np.inf, -np.inf, np.nan, 2**31, -(2**31), 2**23, 1e10], np.float32
+)
+rng = np.random.default_rng(5)
+for operation in OPERATIONS:
+    if not operation.internal:
+        names = tuple("abc"[: operation.arity])
+        program = lower(parse(f"(list ({operation.name} {' '.join(names)}))", names), names)
+        NativeProgram(program).run(0.02, rng.choice(edges, (3000, len(names))))
+for value in edges:
+    encode(TerminalSpec("x", TerminalKind.RAW, "1", 0, -(2**30), 1e-30), float(value))
+rig = load_rig("lamp-xc330")
+supplied = terminals_of(rig)
+source = parse("(list (* 3e38 px) (% a0 t) heading_error)", list(supplied))
+controller = Controller(
+    "x", 0.02, tuple(Input(name, spec.unit, -1, 1) for name, spec in supplied.items()),
+    tuple(Output(joint.name, "position", "rad", -3e38, 3e38, 0.0) for joint in rig.joints),
+    source, lower(source, list(supplied)), 0.5, 1e6,
+)
+cycle = pack_cycle(controller, rig)
+for _ in range(300):
+    cycle.step(3e38, 1e30, rng.choice(np.array([0, 1, -(2**31), 2**31 - 1], np.int32), rig.nraw))
+print("clean")
+"""
+
+
+def test_no_input_reaches_undefined_behaviour(copy):
+    shutil.copytree(CONTROLLER.parent / "sim_models" / "lamp", copy / "sim_models" / "lamp")
+    sanitize = ["-fsanitize=undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-fPIC", "-shared"]
+    command = ["gcc", *FLAGS, *sanitize, *map(str, RUNTIME.glob("*.c")), "-o", "controller/libcontroller.so"]
+    subprocess.run(command, check=True, cwd=copy)
+    assert run_copy(copy, SANITIZED) == "clean\n"
+
+
 def test_the_library_is_of_this_table():
     assert library.library().sv_operations_fingerprint() == fingerprint()
 

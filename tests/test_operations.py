@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,8 @@ from controller.native import NativeProgram
 from controller.operations import BY_NAME, OPERATIONS
 from controller.reference import run_program
 from controller.text import parse
+
+MANUAL = Path(__file__).parent.parent / "docs" / "controller.md"
 
 INF, NAN = float("inf"), float("nan")
 SUB = 2.0**-149  # the smallest subnormal
@@ -212,6 +216,11 @@ def test_opcodes_are_never_renumbered():
 
 def test_the_generated_switch_is_in_step_with_the_table():
     assert PATH.read_text() == runtime_text()
+
+
+def test_the_manual_lists_the_table():
+    rows = [f"| `({' '.join([o.name, *'abc'[: o.arity]])})` | {o.summary} |" for o in OPERATIONS if not o.internal]
+    assert "\n".join(["|---|---|", *rows, ""]) in MANUAL.read_text()
 
 
 def apply(name, rows, run):
