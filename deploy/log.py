@@ -8,6 +8,7 @@ second at most.
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -166,7 +167,7 @@ def read_log(path: str | Path) -> Log:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a log") from None
     except InputError:
         raise
-    except (ValueError, KeyError) as error:
+    except Exception as error:  # what a decoder raises over damaged bytes is its own affair
         raise InputError(f"{path}: is damaged ({error}); record the run again") from None
     meta = messages.get("/meta", [{}])[0]
     if meta.get("format") != FORMAT:
@@ -184,7 +185,7 @@ def _records(reader: StreamReader, path: str | Path) -> Iterator[object]:
             record = next(records)
         except StopIteration:
             return
-        except McapError as error:
+        except (McapError, struct.error) as error:
             if not started:
                 raise InputError(
                     f"{path}: is not an MCAP file ({type(error).__name__}); give the path of a log"

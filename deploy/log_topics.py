@@ -126,15 +126,13 @@ _TOPICS: Final = (
     Topic(
         "/health",
         "servolve.Health",
-        "One servo's health registers",
-        _T
-        | {
-            "joint": _text("joint"),
-            "id": _integer("servo id"),
+        "One block of one servo's health registers",
+        _T | {"joint": _text("joint"), "id": _integer("servo id")},
+        {
+            "hardware_error": _integer("hardware error status bits"),
             "voltage_v": _number("input voltage [V]"),
             "temperature_c": _number("temperature [degrees Celsius]"),
         },
-        {"hardware_error": _integer("hardware error status bits")},
     ),
     Topic(
         "/bus",

@@ -241,12 +241,14 @@ class Periods:
         if not counts:
             return None
         table = registers(joint.product)
-        health = {name: count * table[name].scale for name, count in counts.items()}
-        message = {word: round(health[name], 6) for name, word in _HEALTH_FIELDS.items() if name in health}
-        self.log.write("/health", self.t(), {"joint": joint.name, "id": joint.id, **message})
-        if "hardware_error_status" in counts:
-            return judge_hardware_error(joint, counts["hardware_error_status"])
-        return judge_health(self.rig, self.watch, joint, health["present_input_voltage"], health["present_temperature"])
+        told: dict[str, float | int] = {}
+        for name, count in counts.items():
+            scale = table[name].scale
+            told[_HEALTH_FIELDS.get(name, name)] = count if scale == 1.0 else round(count * scale, 6)
+        self.log.write("/health", self.t(), {"joint": joint.name, "id": joint.id, **told})
+        if "hardware_error" in told:
+            return judge_hardware_error(joint, int(told["hardware_error"]))
+        return judge_health(self.rig, self.watch, joint, told["voltage_v"], told["temperature_c"])
 
     def _alerts(self, replies: Mapping[int, Reply]) -> str | None:
         for joint in self.rig.joints:
