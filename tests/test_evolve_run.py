@@ -27,10 +27,21 @@ from sim_models.rollouts import RolloutPool
 TASK = load_task("lamp-robust")
 SMALL = apply_overrides(
     TASK.settings,
-    (
-        "population=24 generations=4 goals=4 race_goals=2 race_share=0.4 time_limit_s=1 decision_goals=6"
-        " held_out_goals=6 hall_of_fame=6 crossover=0.7 mutate_subtree=0.1 mutate_point=0.05 mutate_constant=0.05"
-    ).split(),
+    [
+        "population=24",
+        "generations=4",
+        "goals=4",
+        "race_goals=2",
+        "race_share=0.4",
+        "time_limit_s=1",
+        "decision_goals=6",
+        "held_out_goals=6",
+        "hall_of_fame=6",
+        "crossover=0.7",
+        "mutate_subtree=0.1",
+        "mutate_point=0.05",
+        "mutate_constant=0.05",
+    ],
 )
 RIG = load_rig(TASK.rig)
 FILES = ("run.toml", "best.controller.toml", "validation.json")
