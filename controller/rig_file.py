@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final, Literal, cast
 
 from controller.errors import InputError
+from controller.operations import BY_NAME
 from controller.products import PRODUCTS
 from controller.registers import X330_BAUD, registers
 from controller.rig import Bus, Joint, Rig, Safety, Sensor
@@ -23,6 +24,9 @@ DERIVED_TERMINALS: Final = ("t", "goal_dist", "px", "py", "pz", "goal_met", "hea
 
 SENSOR_UNITS: Final = {"x": "m", "y": "m", "z": "m", "heading": "rad", "roll": "rad", "pitch": "rad", "force": "N"}
 """Channels with a meaning of their own, and the unit that each must have."""
+
+# bytes of Dynamixel 2.0 packets with nothing in them, and of the blocks that are read and written in every period
+_SYNC_BYTES, _STATUS_BYTES, _STATE_BYTES, _GOAL_BYTES = 14, 11, 10, 4
 
 _PROTOCOL_FAMILIES: Final = {"dynamixel-2.0": ("dynamixel-x330",)}
 
@@ -92,6 +96,7 @@ def _rig(top: Table, path: Path, body_needed: bool) -> Rig:
     bus = _bus(top.table("bus"))
     joints = _joints(top, bus)
     _check_supply(head, joints)
+    _check_traffic(head, bus, len(joints), period_s)
     safety = _safety(top.table("safety"), period_s, supply_v, joints)
     sensors = _sensors(top, joints)
     if 3 * len(joints) + len(sensors) > RAW_CHANNEL_MAX:
@@ -168,6 +173,8 @@ def _joints(top: Table, bus: Bus) -> tuple[Joint, ...]:
     for table, joint in zip(tables, joints, strict=True):
         if joint.name in taken:
             table.fail("name", f"name '{joint.name}' is the name of another terminal; choose another name")
+        if joint.name in BY_NAME or joint.name in ("list", "let", "last"):
+            table.fail("name", f"name '{joint.name}' is an operation of programs; choose another name")
     return joints
 
 
@@ -228,6 +235,20 @@ def _check_supply(head: Table, joints: Sequence[Joint]) -> None:
                 "supply_v",
                 f"supply_v {supply_v:g} is outside {low:g} to {high:g} V of {joint.product.name}; change the supply",
             )
+
+
+def _check_traffic(head: Table, bus: Bus, njoint: int, period_s: float) -> None:
+    """Refuse a bus that can not carry one period's questions and answers within the period."""
+    asked = _SYNC_BYTES + njoint
+    answered = njoint * (_STATUS_BYTES + _STATE_BYTES)
+    written = _SYNC_BYTES + njoint * (1 + _GOAL_BYTES)
+    needed_s = (asked + answered + written) * 10 / bus.baud + njoint * bus.return_delay_us * 1e-6
+    if needed_s >= period_s:
+        head.fail(
+            "period_s",
+            f"period_s {period_s:g} is too short for its traffic of {1e3 * needed_s:.1f} ms at {bus.baud} bit/s; "
+            "lengthen it, raise baud or lower return_delay_us",
+        )
 
 
 def _sensors(top: Table, joints: Sequence[Joint]) -> tuple[Sensor, ...]:

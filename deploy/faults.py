@@ -1,7 +1,8 @@
 """Faults of the virtual rig: what goes wrong, how often, when. They are configuration, and seeded.
 
 A fault is written ``KIND=VALUE``, ``KIND=VALUE@START`` or ``KIND=VALUE@START-END``, times in seconds of the rig:
-``drop=0.01`` loses one reply in a hundred, ``dead=2@3.0`` takes servo 2 off the bus after three seconds.
+``drop=0.01`` loses one reply in a hundred, ``dead=2@3.0`` takes servo 2 off the bus after three seconds. What has no
+value goes without: ``estop@5``.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Final, Literal
 from controller.errors import InputError
 from controller.rig import Rig
 
-Meaning = Literal["probability", "id", "letter", "volts"]
+Meaning = Literal["probability", "id", "letter", "volts", "nothing"]
 
 KINDS: Final[Mapping[str, tuple[Meaning, str]]] = {
     "drop": ("probability", "a status packet does not reach the master"),
@@ -30,12 +31,11 @@ KINDS: Final[Mapping[str, tuple[Meaning, str]]] = {
     "sensor-drop": ("probability", "a sensor line does not arrive"),
     "sensor-corrupt": ("probability", "one bit of a sensor line is wrong"),
     "sensor-dead": ("letter", "the sensor node sends no lines of this letter"),
+    "estop": ("nothing", "the sensor node sends its emergency stop line, once"),
 }
 """Kind => what its value is, and what happens."""
 
-_SPEC: Final = re.compile(
-    r"(?P<kind>[a-z-]+)=(?P<value>[^@]+)(@(?P<start>[0-9.]+)(-(?P<end>[0-9.]+))?)?", re.ASCII
-)
+_SPEC: Final = re.compile(r"(?P<kind>[a-z-]+)(=(?P<value>[^@]+))?(@(?P<start>[0-9.]+)(-(?P<end>[0-9.]+))?)?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Fault:
 
     Args:
         kind: one of `KINDS`
-        value: a probability, an id or a voltage, or 0 where the value is a letter
+        value: a probability, an id or a voltage; 0 where the value is a letter or nothing
         letter: message letter, or ""
         start_s: rig time at which it begins [s]
         end_s: rig time at which it ends, infinite: never [s]
@@ -89,7 +89,9 @@ def parse_fault(spec: str) -> Fault:
     end_s = _time(spec, match["end"], math.inf)
     if start_s >= end_s:
         raise InputError(f"fault '{spec}': it ends before it begins; write the earlier time first")
-    value, letter = _value(spec, KINDS[kind][0], text)
+    if (text is None) != (KINDS[kind][0] == "nothing"):
+        raise InputError(f"fault '{spec}': {kind} {'takes no' if text else 'needs a'} value; write as {_example(kind)}")
+    value, letter = _value(spec, KINDS[kind][0], text or "")
     return Fault(kind, value, letter, start_s, end_s)
 
 
@@ -115,7 +117,14 @@ def check_faults(faults: Sequence[Fault], rig: Rig) -> None:
             raise InputError(f"fault {fault.kind}={fault.letter}: {rig.name} has no such message; it has {known}")
 
 
+def _example(kind: str) -> str:
+    values = {"probability": "=0.01", "id": "=2@3.0", "letter": "=F@3.0", "volts": "=4.5@3.0", "nothing": "@3.0"}
+    return kind + values[KINDS[kind][0]]
+
+
 def _value(spec: str, meaning: Meaning, text: str) -> tuple[float, str]:
+    if meaning == "nothing":
+        return 0.0, ""
     if meaning == "letter":
         if not re.fullmatch("[A-Z]", text):
             raise InputError(f"fault '{spec}': '{text}' is not a message letter; write one such as F")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import fcntl
 import os
+import select
 import struct
 import termios
 import time
@@ -74,9 +75,7 @@ class PtyLine:
         data = self._read_now()
         deadline = time.monotonic() + _ARRIVAL_S_MAX
         while len(data) < expected:
-            if time.monotonic() > deadline:
-                raise RunError(f"{self.path}: the pseudo terminal lost bytes; restart the rig")
-            time.sleep(0)
+            _wait(self._master, deadline, self.path)
             data += self._read_now()
         return data
 
@@ -106,9 +105,7 @@ class PtyLine:
         taken = self.write(data[: max(0, QUEUE_MAX - before)])
         deadline = time.monotonic() + _ARRIVAL_S_MAX
         while self.queued() < before + taken:
-            if time.monotonic() > deadline:
-                raise RunError(f"{self.path}: the pseudo terminal lost bytes; restart the rig")
-            time.sleep(0)
+            _wait(self._slave, deadline, self.path)
         return taken
 
     def queued(self) -> int:
@@ -134,3 +131,10 @@ class PtyLine:
             return os.read(self._master, _CHUNK)
         except BlockingIOError:
             return b""
+
+
+def _wait(end: int, deadline: float, path: str) -> None:
+    """Wait for the kernel to hand bytes over."""
+    if time.monotonic() > deadline:
+        raise RunError(f"{path}: the pseudo terminal lost bytes; restart the rig")
+    select.select([end], [], [], 1e-3)

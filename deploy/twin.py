@@ -70,11 +70,20 @@ _RANGES: dict[str, tuple[float, float]] = {
 }
 
 
-def load_twin(path: str | Path) -> Twin:
-    """Load a twin file.
+def _shipped() -> dict[str, Path]:
+    return {path.stem: path for path in sorted((Path(__file__).parent / "twins").glob("*.toml"))}
+
+
+def twin_names() -> tuple[str, ...]:
+    """Return the names of the twins that come with servolve, sorted."""
+    return tuple(sorted(_shipped()))
+
+
+def load_twin(name_or_path: str | Path) -> Twin:
+    """Load a twin.
 
     Args:
-        path: the file
+        name_or_path: a name that `twin_names` lists, or the path of a twin file
 
     Returns:
         the twin
@@ -82,7 +91,7 @@ def load_twin(path: str | Path) -> Twin:
     Raises:
         InputError: it can not be read, or something in it is wrong
     """
-    top = read_toml(Path(path), "twin file")
+    top = read_toml(_shipped().get(str(name_or_path), Path(name_or_path)), "twin file")
     top.refuse_unknown(("format", "twin"))
     table = top.table("twin")
     table.refuse_unknown(field.name for field in fields(Twin) if field.name != "text")

@@ -249,6 +249,8 @@ class VirtualRig:
                 self._end(fault)
 
     def _begin(self, fault: Fault) -> None:
+        if fault.kind == "estop":
+            self._sensors.send_stop(self._now_ns)
         for servo, joint in zip(self.servos, self.rig.joints, strict=True):
             if fault.kind == "supply":
                 self._plant.supply_v = fault.value

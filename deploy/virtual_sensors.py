@@ -95,6 +95,14 @@ class VirtualSensors:
                     self._lines.append((arrives_ns, sent))
         self._lines = deque(sorted(self._lines, key=lambda line: line[0]))
 
+    def send_stop(self, now_ns: int) -> None:
+        """Send the emergency stop line, as the node does when its button is pressed.
+
+        Args:
+            now_ns: time [ns]
+        """
+        self._lines.appendleft((now_ns, _checked(b"E")))
+
     def take(self, until_ns: int) -> bytes:
         """Return the lines that have arrived by a time.
 
@@ -110,7 +118,7 @@ class VirtualSensors:
         counts = [0 if sensor is None else self._counts(sensor, measure(sensor.name)) for sensor in message.fields]
         t_us = message.sample_ns() // 1000
         body = ",".join((message.letter, str(message.seq % 2**32), str(t_us), *map(str, counts))).encode()
-        return b"$%b*%02X\r\n" % (body, reduce(xor, body))
+        return _checked(body)
 
     def _counts(self, sensor: Sensor, value: float) -> int:
         noise = self._noise[sensor.name]
@@ -118,6 +126,10 @@ class VirtualSensors:
             value += noise * float(self._rng.standard_normal())
         counts = round(value / sensor.scale) + sensor.zero
         return min(_COUNT_MAX, max(-_COUNT_MAX, counts))
+
+
+def _checked(body: bytes) -> bytes:
+    return b"$%b*%02X\r\n" % (body, reduce(xor, body))
 
 
 def _message(letter: str, rig: Rig) -> _Message:

@@ -1,8 +1,8 @@
 """A virtual Dynamixel X330 servo: its control table, its answers, and how its registers drive a shaft.
 
 What it does not have is refused, never ignored: operating modes but position control, reverse and time-based drive
-modes, integral and feed-forward gains, a secondary id and other protocols answer "result fail" (1). Instructions beyond
-those of `INSTRUCTIONS` answer "instruction error" (2), as a servo that lacks them would.
+modes, integral and feed-forward gains, another PWM slope, a secondary id and other protocols answer "result fail" (1).
+Instructions beyond those of `INSTRUCTIONS` answer "instruction error" (2), as a servo that lacks them would.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ _EMULATED: Final[Mapping[str, frozenset[int]]] = {
     "protocol_type": frozenset({2}),
     "secondary_id": frozenset({253, 254, 255}),
     "startup_configuration": frozenset({0}),
+    "pwm_slope": frozenset({140}),
     "position_i_gain": frozenset({0}),
     "feedforward_1st_gain": frozenset({0}),
     "feedforward_2nd_gain": frozenset({0}),

@@ -44,7 +44,7 @@ def serve(
     link: Path | None = None,
     sensor_link: Path | None = None,
     tcp: int | None = None,
-    twin: Path | None = None,
+    twin: str | None = None,
     fault: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = (),
     seed: int = 0,
     eeprom: Path | None = None,
@@ -56,7 +56,7 @@ def serve(
         link: symbolic link to make to the bus's device
         sensor_link: symbolic link to make to the sensor node's device
         tcp: port of the loopback address on which the bus is served too, 0 for any
-        twin: twin file, which makes the rig's physics differ from the simulation's
+        twin: twin file, or weak-torque: how the rig's physics differ from the simulation's
         fault: what goes wrong, as drop=0.01, corrupt=0.01 or dead=2@3.0; may be repeated
         seed: seed of faults and noise
         eeprom: file in which the servos keep their EEPROM between runs

@@ -14,13 +14,16 @@ def test_a_fault_is_read_as_written():
     assert parse_fault("drop=0.01") == Fault("drop", 0.01)
     assert parse_fault("dead=2@3.0") == Fault("dead", 2.0, start_s=3.0)
     assert parse_fault("supply=4.5@1-2.5") == Fault("supply", 4.5, start_s=1.0, end_s=2.5)
+    assert parse_fault("estop@2") == Fault("estop", 0.0, start_s=2.0)
     assert parse_fault("sensor-dead=F@0.1") == Fault("sensor-dead", 0.0, "F", 0.1)
 
 
 @pytest.mark.parametrize(
     ("spec", "expected"),
     [
-        ("drop", "is not KIND=VALUE"),
+        ("drop", "drop needs a value; write as drop=0.01"),
+        ("estop=1@2", "estop takes no value; write as estop@3.0"),
+        ("=0.1", "is not KIND=VALUE"),
         ("", "is not KIND=VALUE"),
         ("drp=0.1", "kind 'drp' is not known; did you mean 'drop'?"),
         ("drop=2", "'2' is not a probability"),

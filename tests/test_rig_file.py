@@ -92,6 +92,8 @@ MISTAKES = [
     ("[bus]", "[[bus]]", "'bus' is a list; write a table [bus]"),
     ('name = "a1"', 'name = "a0"', "joint 2 (a0): name a0 is used twice"),
     ('name = "a1"', 'name = "px"', "joint 2 (px): name 'px' is the name of another terminal"),
+    ('name = "a1"', 'name = "sin"', "joint 2 (sin): name 'sin' is an operation of programs"),
+    ("baud = 1000000", "baud = 9600", "[rig]: period_s 0.02 is too short for its traffic of 113.5 ms at 9600 bit/s"),
     ('name = "a1"', 'name = "a 1"', "name 'a 1' can not be a name"),
     ('mjcf_joint = "a1"', 'mjcf_joint = "a0"', "mjcf_joint a0 is used twice"),
     ('body = "lamp.xml"', 'body = "lmp.xml"', "body 'lmp.xml' is not a file beside the rig file"),

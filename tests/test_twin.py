@@ -7,7 +7,7 @@ import pytest
 import deploy.twin
 from controller.errors import InputError
 from controller.rig_file import load_rig
-from deploy.twin import load_twin
+from deploy.twin import Twin, load_twin, twin_names
 from deploy.virtual_rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
@@ -15,8 +15,13 @@ TWINS = Path(deploy.twin.__file__).parent / "twins"
 
 
 def test_shipped_twins_load_and_wrong_ones_are_one_sentence(tmp_path):
-    shipped = {path.name: load_twin(path) for path in TWINS.iterdir()}
-    assert shipped["weak-torque.toml"].torque_scale == 0.8
+    assert [path.stem for path in sorted(TWINS.iterdir())] == list(twin_names())
+    for name in twin_names():
+        twin = load_twin(name)
+        assert twin == load_twin(TWINS / f"{name}.toml")
+        assert twin.name == name
+        assert twin != Twin(name=name, text=twin.text)
+    assert load_twin("weak-torque").torque_scale == 0.8
     path = tmp_path / "mine.toml"
     for keys, expected in {
         "torque = 0.8": "line 4: [twin]: 'torque' is not known; did you mean 'torque_scale'?",

@@ -403,6 +403,13 @@ def test_sensor_faults():
     assert letters(["sensor-corrupt=0.5"])[1] == pytest.approx(force / 2, abs=35)
 
 
+def test_the_emergency_stop_line_comes_once_at_its_time():
+    rig = VirtualRig(RIG, faults=[parse_fault("estop@0.3")])
+    assert b"$E*45\r\n" not in rig.sensor_until(0.2999)
+    assert b"$E*45\r\n" in rig.sensor_until(0.3)
+    assert b"$E" not in rig.sensor_until(1.0)
+
+
 def test_faults_can_be_switched_while_it_runs():
     rig = standing()
     rig.set_faults([parse_fault("dead=3")])

@@ -113,6 +113,7 @@ RULES = {
     "a mode that is not emulated": ("operating_mode", 1, dxl.RESULT_FAIL),
     "the reverse drive mode": ("drive_mode", 1, dxl.RESULT_FAIL),
     "an integral gain": ("position_i_gain", 10, dxl.RESULT_FAIL),
+    "another PWM slope": ("pwm_slope", 100, dxl.RESULT_FAIL),
     "an armed watchdog": ("bus_watchdog", 127, 0),
     "a watchdog out of range": ("bus_watchdog", 128, dxl.DATA_RANGE_ERROR),
 }
