@@ -1,10 +1,13 @@
 """Faults as the command line writes them: read as meant, or one sentence."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from controller.errors import InputError
 from controller.rig_file import load_rig
-from deploy.faults import Fault, parse_fault
+from deploy.faults import KINDS, Fault, parse_fault
 from deploy.virtual_rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
@@ -50,3 +53,10 @@ def test_a_fault_of_what_is_not_there_is_refused():
         VirtualRig(RIG, faults=[parse_fault("dead=7")])
     with pytest.raises(InputError, match="has no such message; it has F, P"):
         VirtualRig(RIG, faults=[parse_fault("sensor-dead=Q")])
+
+
+def test_the_page_lists_every_kind():
+    page = (Path(__file__).parent.parent / "docs" / "rigs.md").read_text()
+    table = page.partition("### Faults")[2].partition("### Twins")[0]
+    listed = re.findall(r"`([a-z-]+)[=@][A-Z]+`", table.replace("| what happens |", ""))
+    assert [kind for kind in listed if kind != "KIND"] == list(KINDS)

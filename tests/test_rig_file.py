@@ -1,6 +1,8 @@
 """Rig files: what ships loads, and every mistake is one sentence with file, place and remedy."""
 
+import re
 import tomllib
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -8,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.errors import InputError
+from controller.rig import Bus, Joint, Safety, Sensor
 from controller.rig_file import load_rig, parse_rig, rig_names
 
 LAMP = load_rig("lamp-xc330")
@@ -180,3 +183,13 @@ def test_a_log_can_rebuild_its_rig(tmp_path):
     rig = parse_rig(LAMP.text, tmp_path / "gone.rig.toml")
     assert rig.joints == LAMP.joints
     assert rig.body == tmp_path / body.name
+
+
+def test_the_page_lists_every_key():
+    page = (Path(__file__).parent.parent / "docs" / "rigs.md").read_text()
+    table = page.partition("## `rig.toml`")[2].partition("Everything is checked")[0]
+    keys = {
+        key for row in table.splitlines() if row.count("|") > 3 for key in re.findall(r"`(\w+)`", row.split("|")[2])
+    }
+    expected = {field.name for kind in (Bus, Joint, Safety, Sensor) for field in fields(kind)}
+    assert keys == expected | {"format", "name", "body", "period_s", "supply_v"}

@@ -1,5 +1,7 @@
 """Twin files: what ships loads, and every mistake is one sentence."""
 
+import re
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -47,3 +49,9 @@ def test_shipped_twins_load_and_wrong_ones_are_one_sentence(tmp_path):
     path.write_text("format = 1\n[twin]\nname = 'x'\ntimestep_s = 0.0003\n")
     with pytest.raises(InputError, match="does not divide the period"):
         VirtualRig(RIG, twin=load_twin(path))
+
+
+def test_the_page_lists_every_key():
+    page = (Path(__file__).parent.parent / "docs" / "rigs.md").read_text()
+    listed = re.findall(r"`([a-z_]+)`", page.partition("a table `[twin]` with")[2].partition("Scales")[0])
+    assert listed == [field.name for field in fields(Twin) if field.name != "text"]
