@@ -124,13 +124,17 @@ def _start(log: Log, rig: Rig, real_rad: Array, neutral: Array) -> Start:
     seen = [message for message in log.messages.get("/truth", ()) if float(message["t"]) <= first]
     if seen:
         state = seen[-1]
-        angles = np.array([float(state["joint_rad"][joint.name]) for joint in rig.joints])
-        return Start(float(state["t"]), angles, neutral, np.array([*state["base_pos"], *state["base_rpy"]], float))
+        angles, rates = (
+            np.array([float(state[name][joint.name]) for joint in rig.joints]) for name in ("joint_rad", "joint_vel")
+        )
+        return Start(
+            float(state["t"]), angles, rates, neutral, np.array([*state["base_pos"], *state["base_rpy"]], float)
+        )
     if not np.isfinite(real_rad[0]).all():
         raise InputError(
             f"{log.path}: /cycle 0: a servo had not answered, so the start of the run is not known; record it again"
         )
-    return Start(first, real_rad[0], neutral, None)
+    return Start(first, real_rad[0], None, neutral, None)
 
 
 def _wire_ends(log: Log, instruction: int, rig: Rig) -> Array:

@@ -17,11 +17,12 @@ STEP_S: Final = 0.001
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Hold the state that a run begins from, at rest.
+    """Hold the state that a run begins from, at rest but for the creep of joints under load.
 
     Args:
         time_s: when that was [s]
         joint_rad: joint angles [rad], (njoint,)
+        joint_vel: joint velocities [rad/s], (njoint,); None: as the body settles
         held_rad: goals standing at the servos [rad], (njoint,)
         base: base position [m] and roll, pitch, yaw [rad], (6,), as a virtual rig's judge saw them; None: the body
             stands under `held_rad` until it has settled on its feet
@@ -29,6 +30,7 @@ class Start:
 
     time_s: float
     joint_rad: Array
+    joint_vel: Array | None
     held_rad: Array
     base: Array | None
 
@@ -116,6 +118,8 @@ class _Body:
         else:
             self._data.qpos[:3] = start.base[:3]
             self._data.qpos[3:7] = _quaternion(*start.base[3:])
+        if start.joint_vel is not None:
+            self._data.qvel[self._layout.dof] = start.joint_vel
         mujoco.mj_forward(self._model, self._data)
         pose = base_pose(self._model, self._data)
         self._start = (pose.x, pose.y, pose.heading)

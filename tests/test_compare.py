@@ -235,7 +235,7 @@ def rig():
 
 
 def stand(rig, goals, samples, joint_rad=(0.0, 0.0, 0.0)):
-    start = Start(0.0, np.array(joint_rad), np.array(joint_rad), None)
+    start = Start(0.0, np.array(joint_rad), None, np.array(joint_rad), None)
     return replay_goals(rig, start, goals, samples)
 
 
@@ -274,7 +274,8 @@ def test_looking_more_often_changes_nothing(rig):
 
 def test_a_start_that_a_judge_saw_is_taken_as_it_is(rig):
     base = np.array([0.3, -0.2, 0.0135, 0.0, 0.0, 0.7])
-    start = Start(2.0, np.array([0.1, -0.1, 0.2]), np.array([0.1, -0.1, 0.2]), base)
+    angles = np.array([0.1, -0.1, 0.2])
+    start = Start(2.0, angles, np.zeros(3), angles, base)
     track = replay_goals(rig, start, GoalWrites(np.empty(0), np.empty((0, 3))), at(1.5, 2.0))
     np.testing.assert_allclose(track.joint_rad, [[0.1, -0.1, 0.2]] * 2)
     np.testing.assert_allclose(track.position_m, [[0.0, 0.0, 0.0135]] * 2, atol=1e-12)
