@@ -226,6 +226,8 @@ class DynamixelBus:
         """
         order = [servo for servo in servos if servo not in self._silent]
         order += [servo for servo in servos if servo in self._silent]
+        with self._transaction():
+            self._await_late_replies(servos, length)
         replies = self._sync_read_once(order, address, length)
         answered = [index for index, servo in enumerate(order) if replies[servo].status != "missing"]
         first_silent = answered[-1] + 1 if answered else 0
@@ -295,7 +297,6 @@ class DynamixelBus:
 
     def _sync_read_once(self, servos: Sequence[int], address: int, length: int) -> dict[int, Reply]:
         with self._transaction():
-            self._await_late_replies(servos, length)
             sent = self._sdk.syncReadTx(self.port, address, length, list(servos), len(servos), False)
             if sent != COMM_SUCCESS:
                 return {servo: Reply(servo, "missing", b"", 0, self.port.now()) for servo in servos}
@@ -320,10 +321,12 @@ class DynamixelBus:
 
     def _await_late_replies(self, servos: Sequence[int], length: int) -> None:
         # The protocol numbers nothing: a late reply of equal length would pass for the answer. Wait until none comes.
-        until = max(self._late.pop((servo, length), 0.0) for servo in servos)
-        while self.port.now() < until:
+        late = [self._late.pop((servo, length), 0.0) for servo in servos]
+        until = max(late)
+        missing = sum(_STATUS_BYTES + length for t in late if t > 0.0)
+        while missing > 0 and self.port.now() < until:
             if self.port.wait(until):
-                self.port.clearPort()
+                missing -= self.port.drop_waiting()
 
     def _receive(self, servos: Sequence[int], length: int) -> dict[int, Reply]:
         """Collect the replies of servos, of length data bytes each, until all, the last one, or the deadline."""
@@ -345,6 +348,7 @@ class DynamixelBus:
                 port.put_back(bytes(packet[1:]))
             else:
                 break
+        port.drop_read()
         for servo in servos:
             if servo not in replies:
                 replies[servo] = Reply(servo, "corrupt" if corrupt else "missing", b"", 0, port.now())

@@ -10,7 +10,9 @@ descheduled does not lose a reply that has long arrived.
 
 from __future__ import annotations
 
+import os
 import select
+import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -29,8 +31,10 @@ Tap: TypeAlias = Callable[[Direction, float, bytes], None]
 BITS_PER_BYTE: Final = 10
 _CHUNK: Final = 4096
 _WRITE_TIMEOUT_S: Final = 0.25
-_PIPE_LATENCY_S: Final = 0.008
-_USB_MARGIN_S: Final = 0.004
+_PROCESS_LATENCY_S: Final = 0.015
+"""Behind a pseudo terminal or a socket is a process that must be scheduled before it answers."""
+_DEVICE_LATENCY_S: Final = 0.004
+"""A device's driver must be, and this process."""
 
 
 class PortLostError(RunError):
@@ -52,6 +56,10 @@ def open_serial(path: str, baud: int) -> serial.SerialBase:
     """
     try:
         port: serial.SerialBase = serial.serial_for_url(path, baudrate=baud, timeout=0, write_timeout=_WRITE_TIMEOUT_S)
+        if "://" in path:
+            # a question must not wait for the acknowledgement of the one before it
+            with socket.socket(fileno=os.dup(port.fileno())) as same:
+                same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return port
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error).split(": ")[-1]
@@ -76,6 +84,13 @@ def usb_latency_s(path: str) -> float | None:
         return None
 
 
+def _latency_s(path: str) -> float:
+    """Return how late a reply may come, beyond its time on the line [s]."""
+    if "://" in path or str(Path(path).resolve()).startswith("/dev/pts/"):
+        return _PROCESS_LATENCY_S
+    return (usb_latency_s(path) or 0.0) + _DEVICE_LATENCY_S
+
+
 class SerialPort(PortHandler):
     """Serve a serial device, a pty or a socket in real time.
 
@@ -89,8 +104,7 @@ class SerialPort(PortHandler):
         self.baudrate = baud
         self.label = path
         self.tap: Tap | None = None
-        latency_s = usb_latency_s(path)
-        self.latency_s = _PIPE_LATENCY_S if latency_s is None else latency_s + _USB_MARGIN_S
+        self.latency_s = _latency_s(path)
         self.byte_s = BITS_PER_BYTE / baud
         self._serial: Any = None
         self._buffer = bytearray()
@@ -155,10 +169,7 @@ class SerialPort(PortHandler):
     def clearPort(self) -> None:
         """Drop every byte that waits: it answers nothing that will be asked now."""
         self.end_transaction()
-        while self.waiting():
-            self._take()
-        self.end_transaction("stray")
-        self._buffer.clear()
+        self.drop_waiting()
 
     def getBytesAvailable(self) -> int:
         """Return how many bytes could be read at once."""
@@ -224,6 +235,19 @@ class SerialPort(PortHandler):
             data: what `readPort` gave
         """
         self._buffer[:0] = data
+
+    def drop_read(self) -> None:
+        """Drop what was read and not used: it was part of a transaction that is over."""
+        self._buffer.clear()
+
+    def drop_waiting(self) -> int:
+        """Drop every byte that waits; return how many that were."""
+        while self.waiting():
+            self._take()
+        count = len(self._buffer)
+        self.end_transaction("stray")
+        self._buffer.clear()
+        return count
 
     def end_transaction(self, direction: Direction = "rx") -> None:
         """Hand what was read since the last call to the tap, as one frame.

@@ -1,0 +1,205 @@
+"""`servolve deploy` against `servolve rig serve`, each a process of its own: signals, and a server that dies."""
+
+import json
+import os
+import queue
+import re
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+
+from controller import load_rig
+from deploy.log import read_log
+from deploy.replay import replay
+
+RIG = load_rig("lamp-xc330")
+TORQUE_ENABLE = 64
+WAIT_S = 60.0  # for a machine under load; nothing here is measured
+
+CONTROLLER = """
+program = "(list (* 8 (osc-wave 0.5 0)) (* 0.1 px) 0)"
+[controller]
+name = "sway"
+period_s = 0.02
+[[input]]
+name = "px"
+unit = "m"
+low = -2
+high = 2
+""" + "".join(
+    f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60\nhigh = 60\nneutral = 0\n'
+    for name in ("a0", "a1", "a2")
+)
+
+
+class Process:
+    """A servolve command in a process of its own, with its output line by line."""
+
+    def __init__(self, *arguments):
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", "import sys; from servolve.cli import main; sys.exit(main())", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            cwd=Path(__file__).parent.parent,
+        )
+        self.lines = queue.Queue()
+        self.told = []
+        self.readers = [
+            threading.Thread(target=self._read, args=(stream,), daemon=True)
+            for stream in (self.process.stdout, self.process.stderr)
+        ]
+        for reader in self.readers:
+            reader.start()
+
+    def _read(self, stream):
+        for line in stream:
+            self.lines.put(line.rstrip())
+        self.lines.put(None)
+
+    def wait_for(self, pattern):
+        """Return the match of the first line that has the pattern."""
+        while True:
+            line = self.lines.get(timeout=WAIT_S)
+            if line is None:
+                pytest.fail(f"no line with '{pattern}' among {self.told}")
+            self.told.append(line)
+            found = re.search(pattern, line)
+            if found:
+                return found
+
+    def end(self):
+        """Wait for the end; return the exit status and all lines."""
+        status = self.process.wait(WAIT_S)
+        for reader in self.readers:
+            reader.join(WAIT_S)
+        while not self.lines.empty():
+            self.told.append(self.lines.get())
+        return status, [line for line in self.told if line is not None]
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait()
+
+
+@pytest.fixture
+def server(tmp_path):
+    process = Process(
+        "rig", "serve", "lamp-xc330", "--link", f"{tmp_path}/bus", "--sensor-link", f"{tmp_path}/sensors", "--tcp", "0"
+    )
+    try:
+        process.tcp = process.wait_for(r"socket://\S+")[0]
+        yield process
+    finally:
+        process.kill()
+
+
+def deploy(tmp_path, port, *arguments, seconds="60", log="run.mcap"):
+    (tmp_path / "sway.controller.toml").write_text(CONTROLLER)
+    return Process(
+        *("deploy", f"{tmp_path}/sway.controller.toml", "--rig", "lamp-xc330", "--port", port),
+        *("--sensor-port", f"{tmp_path}/sensors", "--log", f"{tmp_path}/{log}", "--seconds", seconds, *arguments),
+    )
+
+
+def torque(path):
+    """Read every servo's torque register with the vendor's own client."""
+    port, packets = PortHandler(str(path)), PacketHandler(2.0)
+    assert port.setBaudRate(RIG.bus.baud)
+    try:
+        found = []
+        for joint in RIG.joints:
+            for _ in range(20):  # the SDK's own time-outs do not know a busy machine
+                value, result, _ = packets.read1ByteTxRx(port, joint.id, TORQUE_ENABLE)
+                if result == COMM_SUCCESS:
+                    found.append(value)
+                    break
+        return found
+    finally:
+        port.closePort()
+
+
+def sentences(told):
+    return [line for line in told if line.startswith("servolve: ") and "warning" not in line]
+
+
+@pytest.mark.parametrize(
+    ("number", "by_tcp", "as_json"),
+    [(signal.SIGINT, False, False), (signal.SIGTERM, True, True), (signal.SIGHUP, False, False)],
+)
+def test_a_signal_ends_the_run_with_torque_off(tmp_path, server, number, by_tcp, as_json):
+    run = deploy(tmp_path, server.tcp if by_tcp else f"{tmp_path}/bus", "--arm", *(["--json"] if as_json else []))
+    try:
+        run.wait_for("lamp-xc330: running")
+        run.process.send_signal(number)
+        status, told = run.end()
+    finally:
+        run.kill()
+    assert status == 1
+    assert sentences(told) == [f"servolve: stopped: {number.name} was received"]
+    assert not any("Traceback" in line for line in told)
+    assert torque(tmp_path / "bus") == [0, 0, 0]
+    log = read_log(tmp_path / "run.mcap")
+    assert log.complete
+    assert log.events[-1]["entered"] == "off"
+    if log.cycles:
+        assert replay(tmp_path / "run.mcap").difference is None
+    if as_json:
+        said = json.loads(next(line for line in reversed(told) if line.startswith("{")))
+        assert (said["state"], said["done"], said["fault"]) == ("off", False, None)
+
+
+def test_a_server_that_dies_is_one_sentence(tmp_path, server):
+    run = deploy(tmp_path, f"{tmp_path}/bus", "--arm")
+    try:
+        run.wait_for("lamp-xc330: running")
+        server.kill()
+        status, told = run.end()
+    finally:
+        run.kill()
+    assert status == 1
+    assert len(sentences(told)) == 1
+    assert "port is gone" in sentences(told)[0]
+    assert (
+        "torque could not be switched off for certain on a0 (servo 1), a1 (servo 2), a2 (servo 3)" in sentences(told)[0]
+    )
+    assert not any("Traceback" in line for line in told)
+    log = read_log(tmp_path / "run.mcap")
+    assert log.complete and log.events[-1]["kind"] == "torque"
+
+
+def test_a_run_in_real_time_ends_well_and_the_port_was_locked(tmp_path, server):
+    run = deploy(tmp_path, f"{tmp_path}/bus", "--arm", "--json", seconds="1")
+    try:
+        run.wait_for("lamp-xc330: homing")
+        second = deploy(tmp_path, f"{tmp_path}/bus", log="second.mcap")
+        status, told = second.end()
+        assert status == 2
+        assert sentences(told) == [f"servolve: {tmp_path}/bus: is in use by another program; end that one first"]
+        status, told = run.end()
+    finally:
+        run.kill()
+    assert status == 0, told
+    said = json.loads(told[-1])
+    assert (said["state"], said["cycles"], said["torque_unsure"]) == ("off", 50, [])
+    assert torque(tmp_path / "bus") == [0, 0, 0]
+    assert replay(tmp_path / "run.mcap").difference is None
+
+
+def test_without_arm_nothing_is_written(tmp_path, server):
+    run = deploy(tmp_path, f"{tmp_path}/bus")
+    status, told = run.end()
+    assert status == 0
+    assert any("nothing was written" in line for line in told)
+    assert any("a2" in line and "off" in line for line in told)
+    frames = [
+        bytes.fromhex(m["hex"]) for m in read_log(tmp_path / "run.mcap").messages["/bus"] if m["direction"] == "tx"
+    ]
+    assert {frame[7] for frame in frames} == {0x01, 0x02}
