@@ -16,7 +16,7 @@ from deploy.safety import judge_hardware_error
 from deploy.sensor_reader import SensorReader
 
 _USB_LATENCY_S_MAX = 0.0015
-_LIMIT_SLACK_RAD = 0.1
+_LIMIT_SLACK_RAD = 0.05
 _ID_MAX = 252
 
 

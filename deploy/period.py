@@ -34,6 +34,9 @@ from deploy.safety import (
 from deploy.sensor_port import SensorPort
 from deploy.witness import Witness
 
+TRIPPED: Final = 255
+"""What the bus watchdog register reads once it has stopped its servo."""
+
 _HEALTH_FIELDS: Final[Mapping[str, str]] = {
     "hardware_error_status": "hardware_error",
     "present_input_voltage": "voltage_v",
@@ -121,7 +124,7 @@ class Periods:
         self.needed = needed_sensors(rig, controller)
         self.goals: tuple[int, ...] = ()
         self._schedule = schedule_of(rig)
-        self._begin = self.origin
+        self._begin = self._ended = self.origin
 
     def t(self, at: float | None = None) -> float:
         """Return a time since the start of the run [s].
@@ -143,7 +146,7 @@ class Periods:
 
     def start(self) -> None:
         """Let the first period start one period from now."""
-        self._begin = self.clock.now()
+        self._begin = self._ended = self.clock.now()
 
     def walk(self, k: int, aim: Aim, rate_rad_s: float) -> Period:
         """Wait for the next period's time and do what is due in it; a fault keeps the goals from being written.
@@ -158,7 +161,7 @@ class Periods:
         """
         self._wait()
         started = self.clock.now()
-        done = Period(started - self._begin, started)
+        done = Period(started - self._begin, started, fault=self._stalled(started))
         goals: Sequence[int] = ()
         for due in period(self._schedule, k):
             if due.kind is TransactionKind.READ_STATE:
@@ -168,7 +171,7 @@ class Periods:
             elif due.kind is TransactionKind.RUN_CYCLE:
                 goals = aim()
                 done.aimed = self.clock.now()
-                done.fault = self._judge(done.replies)
+                done.fault = done.fault or self._judge(done.replies)
             elif due.kind is TransactionKind.WRITE_GOALS:
                 done.fault = done.fault or self._refuse(goals, rate_rad_s)
                 if done.fault is None:
@@ -177,7 +180,8 @@ class Periods:
                 done.ended = self.clock.now()
             elif done.fault is None:
                 done.fault = self._look_after_health(due)
-        done.overran = self.clock.now() > self._begin + self.rig.period_s
+        self._ended = self.clock.now()
+        done.overran = self._ended > self._begin + self.rig.period_s
         done.fault = done.fault or judge_timing(self.rig, self.watch, done.overran)
         return done
 
@@ -231,6 +235,23 @@ class Periods:
                 return (
                     f"joint {joint.name}: goal {goal} is {step:.4f} rad from the last one, {step_max:.4f} rad are "
                     "allowed; report this as a defect"
+                )
+        return None
+
+    def _stalled(self, now: float) -> str | None:
+        """Return the sentence of a fault if the host was silent for so long that a watchdog has tripped, or None."""
+        silent_s = now - self._ended
+        if not 0.0 < self.rig.safety.watchdog_s < silent_s:
+            return None
+        for joint in self.rig.joints:
+            try:
+                tripped = self.link.bus.read_register(joint.id, registers(joint.product)["bus_watchdog"]) == TRIPPED
+            except BusError:
+                continue  # one that stays silent is found otherwise
+            if tripped:
+                return (
+                    f"the host was silent for {silent_s:.2f} s, so the servos' bus watchdogs "
+                    f"({self.rig.safety.watchdog_s:g} s) have stopped them; free the processor, or use --realtime"
                 )
         return None
 

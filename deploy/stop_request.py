@@ -43,8 +43,7 @@ class StopRequest:
         """Start to listen."""
         for number in _SIGNALS:
             self._handlers[number] = signal.signal(number, self._note)
-        # in the background the terminal belongs to others
-        if sys.stdin is not None and sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp():
+        if sys.stdin is not None and sys.stdin.isatty() and not _in_background():
             self._terminal = termios.tcgetattr(sys.stdin.fileno())
             tty.setcbreak(sys.stdin.fileno())
         return self
@@ -60,3 +59,11 @@ class StopRequest:
     def _note(self, number: int, _: FrameType | None) -> None:
         if self._reason is None:
             self._reason = f"{signal.Signals(number).name} was received"
+
+
+def _in_background() -> bool:
+    """Return whether the terminal belongs to other processes for now."""
+    try:
+        return os.tcgetpgrp(sys.stdin.fileno()) != os.getpgrp()
+    except OSError:
+        return False  # it controls nobody

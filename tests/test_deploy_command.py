@@ -1,10 +1,15 @@
 """`servolve deploy` on the virtual rig: what it prints, what it returns, and what it says of wrong arguments."""
 
+import gc
 import json
+import os
+import subprocess
+import sys
 
 import pytest
 
 from deploy.log import read_log
+from deploy.realtime import realtime
 from servolve.cli import main
 
 CONTROLLER = """
@@ -119,6 +124,20 @@ def test_wrong_arguments_are_one_sentence_and_status_2(deploy, arguments, senten
     status, out, err = deploy(*arguments)
     assert (status, out) == (2, "")
     assert sentence in err and err.count("\n") == 1 and "Traceback" not in err
+
+
+def test_servos_can_be_driven_without_mujoco():
+    code = "import servolve.deploy, servolve.replay, sys; print(sorted({'mujoco', 'sim_models'} & set(sys.modules)))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout == "[]\n"
+
+
+def test_realtime_is_given_back():
+    policy, collecting = os.sched_getscheduler(0), gc.isenabled()
+    with realtime() as refused:
+        assert not gc.isenabled()
+        assert all("; run" in sentence for sentence in refused)
+    assert (os.sched_getscheduler(0), gc.isenabled()) == (policy, collecting)
 
 
 def test_a_controller_that_does_not_fit_the_rig_is_refused(deploy, tmp_path):

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import termios
 import threading
 from pathlib import Path
 
@@ -40,10 +41,10 @@ high = 2
 class Process:
     """A servolve command in a process of its own, with its output line by line."""
 
-    def __init__(self, *arguments):
+    def __init__(self, *arguments, stdin=subprocess.DEVNULL):
         self.process = subprocess.Popen(
             [sys.executable, "-c", "import sys; from servolve.cli import main; sys.exit(main())", *arguments],
-            stdin=subprocess.DEVNULL,
+            stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -101,11 +102,12 @@ def server(tmp_path):
         process.kill()
 
 
-def deploy(tmp_path, port, *arguments, seconds="60", log="run.mcap"):
+def deploy(tmp_path, port, *arguments, seconds="60", log="run.mcap", stdin=subprocess.DEVNULL):
     (tmp_path / "sway.controller.toml").write_text(CONTROLLER)
     return Process(
         *("deploy", f"{tmp_path}/sway.controller.toml", "--rig", "lamp-xc330", "--port", port),
         *("--sensor-port", f"{tmp_path}/sensors", "--log", f"{tmp_path}/{log}", "--seconds", seconds, *arguments),
+        stdin=stdin,
     )
 
 
@@ -154,6 +156,26 @@ def test_a_signal_ends_the_run_with_torque_off(tmp_path, server, number, by_tcp,
     if as_json:
         said = json.loads(next(line for line in reversed(told) if line.startswith("{")))
         assert (said["state"], said["done"], said["fault"]) == ("off", False, None)
+
+
+def test_a_key_at_the_terminal_ends_the_run(tmp_path, server):
+    master, slave = os.openpty()
+    try:
+        run = deploy(tmp_path, f"{tmp_path}/bus", "--arm", stdin=slave)
+        try:
+            run.wait_for("lamp-xc330: running")
+            os.write(master, b"x")
+            os.write(master, b"q")
+            status, told = run.end()
+        finally:
+            run.kill()
+        assert termios.tcgetattr(slave)[3] & termios.ICANON  # the terminal is as it was
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert status == 1
+    assert sentences(told) == ["servolve: stopped: a key was pressed"]
+    assert torque(tmp_path / "bus") == [0, 0, 0]
 
 
 def test_a_server_that_dies_is_one_sentence(tmp_path, server):

@@ -69,6 +69,7 @@ class Bench:
         }
         with RunLog(self.path) as log, connect_virtual(self.virtual, lambda: stop(self)) as link:
             log.write("/meta", 0.0, meta)
+            self.link = link
             outcome = run_controller(link, self.rig, controller, options, log)
         self.log = read_log(self.path)
         assert self.log.complete
@@ -454,6 +455,38 @@ def test_a_tripped_watchdog_of_an_earlier_run_is_cleared(bench):
     outcome = on.run(0.5)
     assert outcome.done, outcome.reason
     assert [finding.level for finding in outcome.findings] == ["warning"]
+
+
+def test_a_host_that_was_silent_for_too_long_is_told(bench):
+    stalled = []
+
+    def stall(bench):
+        if bench.virtual.now > 1.0 and not stalled:
+            stalled.append(bench.link.clock.now())
+            bench.link.clock.sleep_until(stalled[0] + 0.3)  # the process slept; the servos have not
+
+    on = bench()
+    outcome = on.run(3.0, stop=stall)
+    assert outcome.faulty and "the host was silent for 0.3" in outcome.reason
+    assert on.torque() == [0, 0, 0]
+    assert [servo.table["bus_watchdog"] for servo in on.virtual.servos] == [0, 0, 0]
+
+
+def test_a_short_stall_rides_through_and_the_controller_is_not_stepped_twice(bench):
+    stalled = []
+
+    def stall(bench):
+        if bench.virtual.now > 1.0 and not stalled:
+            stalled.append(bench.link.clock.now())
+            bench.link.clock.sleep_until(stalled[0] + 0.07)
+
+    on = bench()
+    outcome = on.run(2.0, stop=stall)
+    assert outcome.done and outcome.cycles == 100
+    steps = [b["t"] - a["t"] for a, b in itertools.pairwise(on.log.cycles)]
+    assert min(steps) > 0.0 and sum(step > 0.021 for step in steps) == 1
+    assert [cycle["k"] for cycle in on.log.cycles] == list(range(100))
+    assert sum(step < 0.019 for step in steps) <= 1  # the one that was late, made up for within its period
 
 
 def test_the_bus_watchdog_is_armed_while_running(bench):
