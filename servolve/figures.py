@@ -26,6 +26,8 @@ INK = "#30343b"
 
 WIDTH_IN = 9.2
 
+_TICK_DEG = 360.0 / 4096.0
+
 _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "servolve",
@@ -96,8 +98,7 @@ def joint_figure(found: Comparison) -> str:
     svg: list[str] = []
     njoint = len(found.joints)
     end = float(found.time_s[-1])
-    worst = max(found.joints, key=lambda joint: joint.max_deg if joint.samples else -1.0)
-    low = max(0.0, min(worst.max_time_s - 0.5, end - 1.0)) if worst.samples else 0.0
+    low = _second_to_enlarge(found)
     with _figure(2.35 * njoint + 0.6, svg) as figure:
         axes = figure.subplots(
             2 * njoint,
@@ -126,6 +127,20 @@ def joint_figure(found: Comparison) -> str:
         figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
         figure.align_ylabels(axes[:, 0])
     return svg[0]
+
+
+def _second_to_enlarge(found: Comparison) -> float:
+    """Return where the second around the largest difference begins; if none exceeds a tick, where the busiest does."""
+    latest = max(0.0, float(found.time_s[-1]) - 1.0)
+    worst = max(found.joints, key=lambda joint: joint.max_deg if joint.samples else -1.0)
+    if worst.samples and worst.max_deg > _TICK_DEG:
+        return max(0.0, min(worst.max_time_s - 0.5, latest))
+    starts = found.time_s[found.time_s <= latest]
+    moved = [
+        np.abs(np.diff(found.sim.joint_rad[(found.time_s >= start) & (found.time_s < start + 1.0)], axis=0)).sum()
+        for start in starts
+    ]
+    return float(starts[int(np.argmax(moved))]) if moved else 0.0
 
 
 def _draw_angles(ax: Axes, found: Comparison, j: int) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import base64
-import importlib.metadata
 import math
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,9 @@ from controller.rig import Rig
 from controller.text import format_source
 from deploy.comparison import Comparison, Outcome
 from servolve.figures import RIG, SIM, force_figure, joint_figure, path_figure, timing_figure
+
+_NOTHING = (("–", "not said"),)
+_STRIP_ASPECT_MAX = 4.0
 
 NARROW = "\u202f"
 """Between a number and its unit."""
@@ -35,6 +38,23 @@ class Rows:
     text_columns: int = 1
 
 
+@dataclass(frozen=True)
+class Strip:
+    """Hold a film strip as the page shows it.
+
+    Args:
+        data: the PNG as a data URL
+        width: of one row [px]
+        height: of one row [px]
+        rows: how many rows it is cut into
+    """
+
+    data: str
+    width: float
+    height: float
+    rows: int
+
+
 def write_report(found: Comparison, path: str | Path, strip: str | Path | None = None) -> None:
     """Write the report of a comparison.
 
@@ -47,22 +67,39 @@ def write_report(found: Comparison, path: str | Path, strip: str | Path | None =
         InputError: a file cannot be read or written
     """
     try:
-        picture = None if strip is None else base64.b64encode(Path(strip).read_bytes()).decode()
+        picture = None if strip is None else Path(strip).read_bytes()
     except OSError as error:
         raise InputError(f"{strip}: the film strip cannot be read ({error.strerror}); name a PNG file") from None
-    page = report_html(found, picture)
+    page = report_html(found, None if picture is None else read_strip(picture, str(strip)))
     try:
         Path(path).write_text(page, encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: the report cannot be written ({error.strerror}); name another file") from None
 
 
-def report_html(found: Comparison, strip_base64: str | None = None) -> str:
+def read_strip(png: bytes, origin: str) -> Strip:
+    """Prepare a film strip for the page: one that is too long for its text to be read gets a second row.
+
+    Args:
+        png: the file's bytes
+        origin: where they came from, as errors name it
+
+    Raises:
+        InputError: it is no PNG
+    """
+    if png[:8] != b"\x89PNG\r\n\x1a\n" or png[12:16] != b"IHDR":
+        raise InputError(f"{origin}: is not a PNG picture; name the strip that `servolve simulate --strip` wrote")
+    width, height = struct.unpack(">II", png[16:24])
+    rows = 1 if width < _STRIP_ASPECT_MAX * height else 2
+    return Strip(f"data:image/png;base64,{base64.b64encode(png).decode()}", width / rows, height, rows)
+
+
+def report_html(found: Comparison, strip: Strip | None = None) -> str:
     """Return the report as HTML; the same comparison gives the same bytes.
 
     Args:
         found: the comparison
-        strip_base64: a PNG film strip, base64, or None
+        strip: a film strip, or None
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
@@ -92,11 +129,13 @@ def report_html(found: Comparison, strip_base64: str | None = None) -> str:
         program=format_source(controller.source),
         servos=_servo_rows(found.rig),
         parameters=_parameter_rows(found, controller),
+        provenance=_provenance_rows(controller),
+        versions=_version_rows(found),
         events=_event_rows(found),
         controller_text=found.controller_text,
         rig_text=found.rig.text,
         figures={name: Markup(svg) for name, svg in figures.items()},
-        strip=None if strip_base64 is None else f"data:image/png;base64,{strip_base64}",
+        strip=strip,
     )
 
 
@@ -251,15 +290,25 @@ def _parameter_rows(found: Comparison, controller: Controller) -> Rows:
         ("Twin", "none" if not found.meta.get("twin") else " ".join(str(found.meta["twin"]).split())),
         ("Faults injected", ", ".join(map(str, found.meta.get("faults") or ())) or "none"),
     ]
-    versions = found.meta.get("versions") or {"servolve": importlib.metadata.version("servolve")}
-    rows += [(f"{name} (when recorded)", str(version)) for name, version in versions.items()]
-    rows += [(f"{key}", str(value)) for key, value in controller.provenance.items()]
     return Rows((), tuple(rows), text_columns=2)
+
+
+def _version_rows(found: Comparison) -> Rows:
+    versions = found.meta.get("versions") or {}
+    return Rows((), tuple((name, str(version)) for name, version in versions.items()) or _NOTHING, text_columns=2)
+
+
+def _provenance_rows(controller: Controller) -> Rows:
+    rows = tuple(
+        (key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+        for key, value in controller.provenance.items()
+    )
+    return Rows((), rows or _NOTHING, text_columns=2)
 
 
 def _event_rows(found: Comparison) -> Rows:
     rows = tuple((number(t, "s", digits=2), text) for t, text in found.events)
-    return Rows(("time", "what"), rows or (("–", "none logged"),), text_columns=2)
+    return Rows(("time", "what"), rows or _NOTHING, text_columns=2)
 
 
 def _plain(value: float) -> str:

@@ -21,7 +21,7 @@ from deploy.comparison import HOP_CLEARANCE_M, count_hops, joint_errors
 from deploy.goal_replay import STEP_S, GoalWrites, SampleTimes, Start, replay_goals, tilt, to_start_frame
 from deploy.log import RunLog, read_log
 from servolve.cli import main
-from servolve.report import report_html, write_report
+from servolve.report import read_strip, report_html, write_report
 
 HOPPER = Path(__file__).parent / "golden" / "lamp-hop.controller.toml"
 TWIN = 'format = 1\n[twin]\nname = "weak"\ntorque_scale = 0.8\n'
@@ -348,6 +348,18 @@ def test_a_film_strip_is_embedded(found, folder):
     write_report(found, folder / "with-strip.html", strip)
     references = outline((folder / "with-strip.html").read_text("utf-8")).references
     assert sum(reference.startswith("data:image/png;base64,") for reference in references) == 1
+
+
+def test_a_long_strip_is_cut_into_two_rows(folder):
+    from PIL import Image
+
+    for size, rows, width in (((3000, 380), 2, 1500), ((300, 380), 1, 300)):
+        path = folder / "sized.png"
+        Image.new("RGB", size).save(path)
+        strip = read_strip(path.read_bytes(), "sized.png")
+        assert (strip.rows, strip.width, strip.height) == (rows, width, 380)
+    with pytest.raises(InputError, match=r"odd\.jpg"):
+        read_strip(b"\xff\xd8\xff" * 20, "odd.jpg")
 
 
 def test_a_rig_without_pose_gives_a_report_too(log, folder):
