@@ -89,7 +89,11 @@ def _missing_package(error: BaseException | None) -> str | None:
 def _usage_sentence(error: CycloptsError) -> str:
     """Say in one sentence what is wrong with the arguments, and where the right ones are listed."""
     error.verbose = False
-    told = str(error).strip().rstrip(".?")
+    try:
+        told = str(error).strip().rstrip(".?")
+    except ImportError:
+        # it looks into every command for the one that was meant, and an optional package is not installed
+        told = f"Unknown command: {' '.join(error.unused_tokens or ())}"
     told = re.sub(r"[.?] (?=[A-Z])", "; ", told)
     command = " ".join(("servolve", *(error.command_chain or ())))
     return f"{told}; `{command} --help` lists what it takes"

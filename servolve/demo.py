@@ -357,6 +357,7 @@ def _table(out: Path, goal_m: float, found: dict[str, Any], gates: list[Gate]) -
     table.add_row("hops", f"{deployed['hops']}, up to {1000 * deployed['max_clearance_m']:.0f} mm, all feet clear")
     table.add_row("sim-to-rig RMSE", _rmse(compared))
     table.add_row("  torque −20 %", _rmse(found["weak"]))
+    table.add_row("report", str(out / "report.html"))
     table.add_section()
     for gate in gates:
         table.add_row("[green]met[/green]" if gate.passed else "[red]not met[/red]", gate.name)

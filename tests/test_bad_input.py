@@ -503,3 +503,22 @@ def test_a_missing_extra_is_named(monkeypatch, capsys):
 
     monkeypatch.setattr(servolve.cli, "app", without_mujoco)
     refused(capsys, ["evolve"], "mujoco", r"servolve\[sim\]")
+
+
+def test_an_unknown_command_is_told_without_the_extras(folder):
+    # a fresh interpreter: here everything has been imported long since
+    script = (
+        "import sys\n"
+        "class Without:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.split('.')[0] in ('mujoco', 'matplotlib', 'jinja2', 'PIL', 'imageio'):\n"
+        "            raise ModuleNotFoundError(f'No module named {name!r}', name=name)\n"
+        "sys.meta_path.insert(0, Without())\n"
+        "from servolve.cli import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    for arguments, place in ((["dploy"], "dploy"), (["evolve", "lamp"], "mujoco")):
+        command = [sys.executable, "-c", script, *arguments]
+        ended = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+        assert ended.returncode == 2, ended.stderr
+        check_sentence(ended.stderr, place)
