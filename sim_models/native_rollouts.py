@@ -88,6 +88,9 @@ def mujoco_library() -> ctypes.CDLL:
     lib.mjb_expand.restype = c_void_p
     lib.mjb_expand.argtypes = (c_void_p, c_char_p, POINTER(c_int), POINTER(c_int))
     lib.mjb_setConst.argtypes = (c_void_p, c_void_p, c_int)
+    lib.mjb_state.restype = c_void_p
+    lib.mjb_state.argtypes = (c_void_p,)
+    lib.mjb_rollout.argtypes = (c_void_p, c_void_p, c_int, c_int, c_void_p, c_int, c_void_p, c_int)
     lib.mjb_error.restype = c_char_p
     lib.mjb_error.argtypes = (c_void_p, c_int)
     return lib

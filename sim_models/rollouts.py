@@ -6,7 +6,7 @@ import ctypes
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any, Self
 
@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from controller.controller import Controller
+from controller.cycle import CycleSpec, resolve_cycle
 from controller.errors import InputError, RunError
-from controller.native import NativeCycle, pack_cycle
+from controller.native import NativeCycle
 from controller.rig import Rig
 from sim_models import native_rollouts as native
 from sim_models.body import Form, body_layout, build_model, settled_data, substeps
@@ -188,6 +189,7 @@ class RolloutPool:
         self._keep: list[Any] = []
         self._setup = self._make_setup(stop or StopConditions())
         self._models: SimulatedModels | None = None
+        self._specs: dict[tuple[object, ...], CycleSpec] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -230,7 +232,7 @@ class RolloutPool:
         """
         self._check(controllers, cases, perturbations)
         rollouts = self._allocate(len(cases), traces, record)
-        cycles = [pack_cycle(controller, self.rig) for controller in controllers]
+        cycles = [self._pack_cycle(controller) for controller in controllers]
         native_cases = self._pack_cases(cycles, cases, perturbations)
         for first in range(0, len(cases), _BATCH_MAX):
             self._run_slice(
@@ -327,6 +329,13 @@ class RolloutPool:
             0.0 <= perturbations.latency_s.min() <= perturbations.latency_s.max() <= longest
         ):
             raise InputError(f"perturbations: latency_s is not within 0 to {longest:g} s; choose a shorter one")
+
+    def _pack_cycle(self, controller: Controller) -> NativeCycle:
+        """Lay a controller's cycle out; those of a population differ only in their programs, the rest is kept."""
+        own = (controller.inputs, controller.outputs, controller.period_s, controller.filter, controller.slew_rad_s)
+        if own not in self._specs:
+            self._specs[own] = resolve_cycle(controller, self.rig)
+        return NativeCycle(replace(self._specs[own], program=controller.program))
 
     def _pack_cases(
         self, cycles: Sequence[NativeCycle], cases: Cases, perturbations: Perturbations

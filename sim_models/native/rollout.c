@@ -20,6 +20,8 @@ typedef struct {  // what one simulation remembers while it runs
   sv_record record;
   int32_t substep;                          // substeps done
   int32_t flight;                           // of these, how many in a row without a contact of the base
+  uint8_t read[SV_RAW_MAX];                 // which raw channels the cycle reads, or the results keep
+  int32_t reads_force;                      // whether one of them is the contact force
   double goal[SV_GOAL_RING][SV_JOINT_MAX];  // goal angles of the last periods [rad]
   sv_view sample[SV_SAMPLE_RING];           // states of the last substeps that a channel samples
   float registers[REGISTER_MAX];
@@ -50,51 +52,68 @@ static void start(const sv_job* job, const mjModel* m, mjData* d, const sv_rollo
   sv_cycle_reset(own->cycle, &memory->cycle, memory->registers, memory->program_state);
 }
 
+// which raw channels matter: those of the cycle's terminals and pose, or all
+static void find_channels_read(const sv_job* job, const sv_rollout_case* own, sv_memory* memory) {
+  const sv_rollout_setup* setup = job->setup;
+  const sv_cycle* cycle = own->cycle;
+  memset(memory->read, job->results->raw != NULL, sizeof(memory->read));
+  for (int32_t i = 0; i < cycle->program->ninput; i++) {
+    if (cycle->terminals[i].kind == SV_TERMINAL_RAW) {
+      memory->read[cycle->terminals[i].channel] = 1;
+    }
+  }
+  const int32_t pose[3] = {cycle->x.channel, cycle->y.channel, cycle->heading.channel};
+  for (int32_t i = 0; i < 3; i++) {
+    if (pose[i] >= 0) {
+      memory->read[pose[i]] = 1;
+    }
+  }
+  memory->reads_force = 0;
+  for (int32_t i = 0; i < setup->nsensor; i++) {
+    memory->reads_force |= setup->sensor[i] == SV_SENSOR_FORCE && memory->read[3 * setup->njoint + i];
+  }
+}
+
 // remember the state after memory->substep substeps, if a channel samples it
 static void sample(const sv_rollout_setup* setup, const mjModel* m, const mjData* d, sv_memory* memory) {
   if (setup->sampled[memory->substep]) {
     sv_view* view = memory->sample + memory->substep % SV_SAMPLE_RING;
     sv_observe(setup, m, d, view);
-    view->force = sv_base_force(setup, m, d);
+    view->force = memory->reads_force ? sv_base_force(setup, m, d) : 0;
   }
 }
 
 // one channel of the sensor node as its newest line at control instant k shows it, noise included
 static double sensor_value(const sv_rollout_setup* setup, const sv_rollout_case* own, const sv_memory* memory,
                            int32_t k, int32_t channel) {
-  int32_t at = setup->sample[k * setup->nsensor + channel];
+  int32_t at = setup->sample[k * setup->nsensor + channel], kind = setup->sensor[channel];
   const sv_view* view = memory->sample + at % SV_SAMPLE_RING;
-  double noise = sv_noise(own->seed, at, channel);
-  switch (setup->sensor[channel]) {
-    case SV_SENSOR_X:
-      return view->x + (double)own->pose_noise * noise;
-    case SV_SENSOR_Y:
-      return view->y + (double)own->pose_noise * noise;
-    case SV_SENSOR_Z:
-      return view->z + (double)own->pose_noise * noise;
-    case SV_SENSOR_HEADING:
-      return view->heading + (double)own->angle_noise * noise;
-    case SV_SENSOR_ROLL:
-      return view->roll + (double)own->angle_noise * noise;
-    case SV_SENSOR_PITCH:
-      return view->pitch + (double)own->angle_noise * noise;
+  const double values[] = {view->x, view->y, view->z, view->heading, view->roll, view->pitch, view->force};
+  float noise = kind == SV_SENSOR_FORCE ? own->force_noise : (kind <= SV_SENSOR_Z ? own->pose_noise : own->angle_noise);
+  return noise > 0 ? values[kind] + (double)noise * sv_noise(own->seed, at, channel) : values[kind];
+}
+
+// the true value that a raw channel counts, SI
+static double raw_value(const sv_rollout_setup* setup, const sv_rollout_case* own, const mjData* d,
+                        const sv_memory* memory, int32_t k, int32_t channel) {
+  int32_t n = setup->njoint, j = channel % n;
+  switch (channel / n) {
+    case 0:
+      return d->qpos[setup->qpos[j]] + (double)own->encoder_bias[j];
+    case 1:
+      return d->qvel[setup->dof[j]];
+    case 2:
+      return d->actuator_force[setup->actuator[j]] / setup->torque_max[j];
     default:
-      return view->force + (double)own->force_noise * noise;
+      return sensor_value(setup, own, memory, k, channel - 3 * n);
   }
 }
 
-// (state, samples) => raw counts, as they would come over the wire
+// (state, samples) => raw counts, as they would come over the wire; 0 where nobody reads
 static void encode(const sv_rollout_setup* setup, const sv_rollout_case* own, const mjData* d, const sv_memory* memory,
                    int32_t k, int32_t* raw) {
-  int32_t n = setup->njoint;
-  for (int32_t j = 0; j < n; j++) {
-    double load = d->actuator_force[setup->actuator[j]] / setup->torque_max[j];
-    raw[j] = sv_encode(setup->encoder + j, (float)(d->qpos[setup->qpos[j]] + (double)own->encoder_bias[j]));
-    raw[n + j] = sv_encode(setup->encoder + n + j, (float)d->qvel[setup->dof[j]]);
-    raw[2 * n + j] = sv_encode(setup->encoder + 2 * n + j, (float)load);
-  }
-  for (int32_t i = 0; i < setup->nsensor; i++) {
-    raw[3 * n + i] = sv_encode(setup->encoder + 3 * n + i, (float)sensor_value(setup, own, memory, k, i));
+  for (int32_t i = 0; i < 3 * setup->njoint + setup->nsensor; i++) {
+    raw[i] = memory->read[i] ? sv_encode(setup->encoder + i, (float)raw_value(setup, own, d, memory, k, i)) : 0;
   }
 }
 
@@ -222,6 +241,7 @@ static void run_one(const mjModel* m, mjData* d, int sim, void* arg) {
   sv_view view;
 
   start(job, m, d, own, &memory);
+  find_channels_read(job, own, &memory);
   sample(setup, m, d, &memory);
   sv_observe(setup, m, d, &view);
   sv_statistics_begin(setup, &own->goal, d, &view, &memory.record, statistics);
