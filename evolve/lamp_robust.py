@@ -33,5 +33,16 @@ TASK = Task(
     rig="lamp-xc330",
     terminals=("t", "a0", "a1", "a2", "px", "goal_met", "goal_dist"),
     fitness=fitness,
-    settings=Settings(population=150, generations=20, goals=4, goal_low_m=0.1, goal_high_m=0.6),
+    settings=Settings(
+        population=300,
+        generations=25,
+        goals=6,
+        race_goals=2,
+        race_share=0.3,
+        goal_low_m=0.1,
+        goal_high_m=0.6,
+        time_limit_s=5.0,
+        hall_of_fame=45,
+        decision_goals=48,
+    ),
 )
