@@ -12,7 +12,7 @@ from controller.registers import X330_BAUD
 from deploy.checks import check_servos
 from deploy.comparison import joint_errors
 from deploy.dynamixel_bus import decode, encode
-from deploy.goal_replay import GoalWrites, SampleTimes, replay_goals
+from deploy.goal_replay import GoalWrites, SampleTimes, Start, replay_goals
 from deploy.joint_counts import count_limits, joint_angle, joint_count
 from deploy.rig_io import RigIO
 
@@ -136,7 +136,10 @@ def test_a_step_moves_each_joint_as_the_model_says(bench, armed, report):
             aims.append([joint_angle(j, count) for j, count in zip(rig.joints, goals, strict=True)])
     none = np.empty(0)
     model = replay_goals(
-        rig, start, held, GoalWrites(np.array(written), np.array(aims)), SampleTimes(np.array(sampled), none, none)
+        rig,
+        Start(0.0, np.array(start), None, np.array(held), None),
+        GoalWrites(np.array(written), np.array(aims)),
+        SampleTimes(np.array(sampled), none, none),
     )
     names = tuple(joint.name for joint in rig.joints)
     for error in joint_errors(names, np.array(sampled), np.array(angles), model.joint_rad):
