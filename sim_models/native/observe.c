@@ -26,21 +26,15 @@ static void rotation_planar(double pitch, double r[9]) {
   r[6] = -s, r[7] = 0, r[8] = c;
 }
 
-void sv_observe(const sv_rollout_setup* setup, const mjModel* m, const mjData* d, sv_view* view) {
-  (void)m;
-  double r[9];
+void sv_observe(const sv_rollout_setup* setup, const mjData* d, sv_view* view) {
+  const double* r = view->r;
   if (setup->form == SV_FORM_FREE) {
-    rotation_free(d->qpos + 3, r);
+    rotation_free(d->qpos + 3, view->r);
     view->x = d->qpos[0], view->y = d->qpos[1], view->z = d->qpos[2];
   } else {
-    rotation_planar(d->qpos[2], r);
+    rotation_planar(d->qpos[2], view->r);
     view->x = d->qpos[0], view->y = 0, view->z = d->qpos[1] + setup->base_z;
   }
-  double sine = -r[6];
-  view->heading = atan2(r[3], r[0]);
-  view->roll = atan2(r[7], r[8]);
-  view->pitch = asin(sine > 1 ? 1 : (sine < -1 ? -1 : sine));
-  view->up = r[8];
 
   // lowest foot
   double lowest = INFINITY;
@@ -50,6 +44,26 @@ void sv_observe(const sv_rollout_setup* setup, const mjModel* m, const mjData* d
     lowest = height < lowest ? height : lowest;
   }
   view->clearance = view->z + lowest - setup->foot_radius;
+}
+
+double sv_quantity(const sv_view* view, sv_sensor sensor) {
+  double sine = -view->r[6];
+  switch (sensor) {
+    case SV_SENSOR_X:
+      return view->x;
+    case SV_SENSOR_Y:
+      return view->y;
+    case SV_SENSOR_Z:
+      return view->z;
+    case SV_SENSOR_HEADING:
+      return atan2(view->r[3], view->r[0]);
+    case SV_SENSOR_ROLL:
+      return atan2(view->r[7], view->r[8]);
+    case SV_SENSOR_PITCH:
+      return asin(sine > 1 ? 1 : (sine < -1 ? -1 : sine));
+    default:
+      return view->force;
+  }
 }
 
 double sv_base_force(const sv_rollout_setup* setup, const mjModel* m, const mjData* d) {

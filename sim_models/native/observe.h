@@ -5,12 +5,11 @@
 
 #include "rollout.h"
 
-typedef struct {                // the base as an ideal camera and load cell see it
-  double x, y, z;               // [m]
-  double heading, roll, pitch;  // about z, y, x in this order [rad]
-  double up;                    // cosine of the tilt
-  double clearance;             // of the lowest foot [m]
-  double force;                 // sum of the normal contact forces on the base [N]
+typedef struct {     // the base as an ideal camera and load cell see it
+  double x, y, z;    // [m]
+  double r[9];       // rotation from the base's frame to the world's, row by row
+  double clearance;  // of the lowest foot [m]
+  double force;      // sum of the normal contact forces on the base [N]
 } sv_view;
 
 typedef struct {  // running values of the statistics
@@ -18,11 +17,15 @@ typedef struct {  // running values of the statistics
   double last_x, last_y, last_clearance;
   double last_angle[SV_JOINT_MAX];
   double speed[SV_GOAL_RING];
+  double lowest_up;  // smallest cosine of the tilt
   int32_t airborne;
 } sv_record;
 
-// (qpos) => pose, tilt and clearance of the base; force is left alone.
-void sv_observe(const sv_rollout_setup* setup, const mjModel* m, const mjData* d, sv_view* view);
+// (qpos) => pose and clearance of the base; force is left alone.
+void sv_observe(const sv_rollout_setup* setup, const mjData* d, sv_view* view);
+
+// Return one of the quantities that a sensor shows, angles about z, y, x in this order.
+double sv_quantity(const sv_view* view, sv_sensor sensor);
 
 // Return the sum of the normal forces of the base's contacts, of the state before the last mj_step.
 double sv_base_force(const sv_rollout_setup* setup, const mjModel* m, const mjData* d);

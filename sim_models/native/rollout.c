@@ -78,7 +78,7 @@ static void find_channels_read(const sv_job* job, const sv_rollout_case* own, sv
 static void sample(const sv_rollout_setup* setup, const mjModel* m, const mjData* d, sv_memory* memory) {
   if (setup->sampled[memory->substep]) {
     sv_view* view = memory->sample + memory->substep % SV_SAMPLE_RING;
-    sv_observe(setup, m, d, view);
+    sv_observe(setup, d, view);
     view->force = memory->reads_force ? sv_base_force(setup, m, d) : 0;
   }
 }
@@ -87,10 +87,9 @@ static void sample(const sv_rollout_setup* setup, const mjModel* m, const mjData
 static double sensor_value(const sv_rollout_setup* setup, const sv_rollout_case* own, const sv_memory* memory,
                            int32_t k, int32_t channel) {
   int32_t at = setup->sample[k * setup->nsensor + channel], kind = setup->sensor[channel];
-  const sv_view* view = memory->sample + at % SV_SAMPLE_RING;
-  const double values[] = {view->x, view->y, view->z, view->heading, view->roll, view->pitch, view->force};
+  double value = sv_quantity(memory->sample + at % SV_SAMPLE_RING, (sv_sensor)kind);
   float noise = kind == SV_SENSOR_FORCE ? own->force_noise : (kind <= SV_SENSOR_Z ? own->pose_noise : own->angle_noise);
-  return noise > 0 ? values[kind] + (double)noise * sv_noise(own->seed, at, channel) : values[kind];
+  return noise > 0 ? value + (double)noise * sv_noise(own->seed, at, channel) : value;
 }
 
 // the true value that a raw channel counts, SI
@@ -124,18 +123,12 @@ static void trace(const sv_job* job, const mjModel* m, const mjData* d, int sim,
   int32_t n = setup->njoint;
   float* row =
       job->results->traces + ((size_t)sim * (size_t)setup->nstep + (size_t)k) * (size_t)(SV_TRACE_POSE + 4 * n);
-  const double pose[SV_TRACE_POSE] = {view->x,
-                                      view->y,
-                                      view->z,
-                                      view->heading,
-                                      view->roll,
-                                      view->pitch,
-                                      view->clearance,
-                                      sv_base_force(setup, m, d),
-                                      sv_px(&memory->record, view)};
-  for (int i = 0; i < SV_TRACE_POSE; i++) {
-    row[i] = (float)pose[i];
+  for (int i = SV_SENSOR_X; i <= SV_SENSOR_PITCH; i++) {
+    row[i] = (float)sv_quantity(view, (sv_sensor)i);
   }
+  row[6] = (float)view->clearance;
+  row[7] = (float)sv_base_force(setup, m, d);
+  row[8] = (float)sv_px(&memory->record, view);
   row += SV_TRACE_POSE;
   for (int32_t j = 0; j < n; j++) {
     row[j] = (float)d->qpos[setup->qpos[j]];
@@ -219,7 +212,7 @@ static int advance(const sv_rollout_setup* setup, const sv_rollout_case* own, co
 // which stop condition holds
 static int32_t fallen(const sv_rollout_setup* setup, const sv_view* view, const sv_memory* memory,
                       const sv_statistics* statistics) {
-  if (view->up < setup->stop_tilt_cos) {
+  if (view->r[8] < setup->stop_tilt_cos) {
     return SV_FALL_TILT;
   }
   if (setup->stop_head && statistics->head_touched) {
@@ -243,7 +236,7 @@ static void run_one(const mjModel* m, mjData* d, int sim, void* arg) {
   start(job, m, d, own, &memory);
   find_channels_read(job, own, &memory);
   sample(setup, m, d, &memory);
-  sv_observe(setup, m, d, &view);
+  sv_observe(setup, d, &view);
   sv_statistics_begin(setup, &own->goal, d, &view, &memory.record, statistics);
   statistics->status = SV_STATUS_ERROR;  // stands if MuJoCo leaves by a long jump
   sv_statistics_observe(setup, d, &view, 0, &memory.record, statistics);
@@ -256,7 +249,7 @@ static void run_one(const mjModel* m, mjData* d, int sim, void* arg) {
       break;
     }
     k++;
-    sv_observe(setup, m, d, &view);
+    sv_observe(setup, d, &view);
     sv_statistics_observe(setup, d, &view, k, &memory.record, statistics);
     statistics->fallen = fallen(setup, &view, &memory, statistics);
   }

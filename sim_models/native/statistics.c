@@ -10,17 +10,22 @@
 #define LANDED_M 0.002         // and is over when a foot is lower than this
 #define UPRIGHT_RAD 0.35       // largest tilt of an upright base
 
+// square root of a sum of squares; lengths of metres need no care for overflow
+static double length(double a, double b) { return sqrt(a * a + b * b); }
+
 double sv_px(const sv_record* record, const sv_view* view) {
-  return (record->goal_x - view->x) * cos(view->heading) + (record->goal_y - view->y) * sin(view->heading);
+  double along = (record->goal_x - view->x) * view->r[0] + (record->goal_y - view->y) * view->r[3];
+  double level = length(view->r[0], view->r[3]);
+  return level > 0 ? along / level : record->goal_x - view->x;
 }
 
 // distance of the base from the goal
 static double error(const sv_record* record, const sv_view* view) {
-  return hypot(record->goal_x - view->x, record->goal_y - view->y);
+  return length(record->goal_x - view->x, record->goal_y - view->y);
 }
 
-// angle between the base's axis and the vertical
-static double tilt(const sv_view* view) { return acos(view->up > 1 ? 1 : (view->up < -1 ? -1 : view->up)); }
+// angle whose cosine is given
+static double angle(double cosine) { return acos(cosine > 1 ? 1 : (cosine < -1 ? -1 : cosine)); }
 
 // speed of the base's centre
 static double speed(const sv_rollout_setup* setup, const mjData* d) {
@@ -35,19 +40,21 @@ void sv_statistics_begin(const sv_rollout_setup* setup, const sv_goal* goal, con
   statistics->final_error = INFINITY;
   statistics->final_px = INFINITY;
   statistics->end_tilt = INFINITY;
+  statistics->max_tilt = INFINITY;
   statistics->end_speed = INFINITY;
   statistics->end_joint_error = INFINITY;
   statistics->min_error = INFINITY;
   statistics->min_abs_px = INFINITY;
   statistics->first_hit_step = -1;
   statistics->arrive_step = -1;
-  double direction = view->heading + (double)goal->goal_bearing;
+  double direction = sv_quantity(view, SV_SENSOR_HEADING) + (double)goal->goal_bearing;
   record->goal_x = view->x + (double)goal->goal_dist * cos(direction);
   record->goal_y = view->y + (double)goal->goal_dist * sin(direction);
   record->last_x = view->x;
   record->last_y = view->y;
   record->last_clearance = view->clearance;
   record->airborne = 0;
+  record->lowest_up = view->r[8];
   for (int j = 0; j < setup->njoint; j++) {
     record->last_angle[j] = d->qpos[setup->qpos[j]];
   }
@@ -56,12 +63,12 @@ void sv_statistics_begin(const sv_rollout_setup* setup, const sv_goal* goal, con
 // paths of base and joints since the last control instant
 static void add_paths(const sv_rollout_setup* setup, const mjData* d, const sv_view* view, sv_record* record,
                       sv_statistics* statistics) {
-  double moved = hypot(view->x - record->last_x, view->y - record->last_y);
+  double moved = length(view->x - record->last_x, view->y - record->last_y);
   double turned = 0;
   for (int j = 0; j < setup->njoint; j++) {
-    double angle = d->qpos[setup->qpos[j]];
-    turned += fabs(angle - record->last_angle[j]);
-    record->last_angle[j] = angle;
+    double now = d->qpos[setup->qpos[j]];
+    turned += fabs(now - record->last_angle[j]);
+    record->last_angle[j] = now;
   }
   statistics->path += (float)moved;
   if (record->last_clearance < LANDED_M && view->clearance < LANDED_M) {
@@ -96,7 +103,7 @@ void sv_statistics_observe(const sv_rollout_setup* setup, const mjData* d, const
   }
 
   // tilt, clearance, hops
-  statistics->max_tilt = fmaxf(statistics->max_tilt, (float)tilt(view));
+  record->lowest_up = view->r[8] < record->lowest_up ? view->r[8] : record->lowest_up;
   statistics->max_clearance = fmaxf(statistics->max_clearance, (float)view->clearance);
   if (!record->airborne && view->clearance >= HOP_CLEARANCE_M) {
     record->airborne = 1;
@@ -110,7 +117,8 @@ void sv_statistics_end(const sv_rollout_setup* setup, const mjData* d, const sv_
                        const sv_record* record, sv_statistics* statistics) {
   statistics->final_error = (float)error(record, view);
   statistics->final_px = (float)sv_px(record, view);
-  statistics->end_tilt = (float)tilt(view);
+  statistics->end_tilt = (float)angle(view->r[8]);
+  statistics->max_tilt = (float)angle(record->lowest_up);
   statistics->upright_end = statistics->fallen == SV_FALL_NONE && statistics->end_tilt <= (float)UPRIGHT_RAD;
   statistics->end_speed = 0;
   for (int32_t i = k; i >= 0 && i >= k - setup->window; i--) {
