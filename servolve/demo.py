@@ -24,8 +24,6 @@ from controller.errors import InputError, RunError
 
 TASK: Final = "lamp-robust"
 RIG: Final = "lamp-xc330"
-POPULATION: Final = 250
-GENERATIONS: Final = 30
 
 DISTANCE_M_MAX: Final = 0.05
 HOPS_MIN: Final = 2
@@ -82,7 +80,7 @@ def demo(
         out: folder for all of it; made anew if it is there from an earlier demo
         seed: of all chance; if what it finds is not good enough, the next ones are tried
         threads: threads that simulate; left out: one per CPU
-        set_: KEY=VALUE, one of the evolution's settings, as often as needed; then the others are the task's own
+        set_: KEY=VALUE, one of the evolution's settings, as often as needed
         json_: print one JSON object
 
     Returns:
@@ -165,8 +163,7 @@ def _evolve(stages: _Stages, out: Path, seed: int, threads: int | None, override
     stages.head(f"Evolve {TASK} on {RIG}")
     started = time.monotonic()
     best: dict[str, Any] = {}
-    options = ["--population", str(POPULATION), "--generations", str(GENERATIONS)] if not overrides else []
-    options += [word for setting in overrides for word in ("--set", setting)]
+    options = [word for setting in overrides for word in ("--set", setting)]
     if threads is not None:
         options += ["--threads", str(threads)]
     for attempt in range(_ATTEMPTS):
