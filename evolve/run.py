@@ -129,7 +129,7 @@ def evolve(config: RunConfig, progress: Callable[[Progress], None]) -> RunResult
     with _pool(task, rig, settings, config.threads, deciding=True) as pool:
         best, validation, held_out = decide(task, pool, rig, settings, config.seed, hall_of_fame(hall, settings))
         golden = golden_trace(pool, best.controller, held_out)
-    provenance = _provenance(config, rig, best, validation)
+    provenance = _provenance(config, rig, settings, best, validation)
     controller = dataclasses.replace(best.controller, provenance=provenance, golden=golden)
     origin = {"generation": best.generation, "individual": best.individual, "program": best.program}
     text = validation_text(origin, validation, held_out.goal_m.tolist())
@@ -269,11 +269,14 @@ def _engine() -> dict[str, str]:
     return {"servolve": version("servolve"), "mujoco": mujoco.__version__, "numpy": np.__version__}
 
 
-def _provenance(config: RunConfig, rig: Rig, best: Candidate, validation: Validation) -> Mapping[str, Any]:
+def _provenance(
+    config: RunConfig, rig: Rig, settings: Settings, best: Candidate, validation: Validation
+) -> Mapping[str, Any]:
     """Return how the best came to be and how good it is."""
     return {
         **_head(config, rig),
         **{f"{name}_version": text for name, text in _engine().items()},
+        "time_limit_s": settings.time_limit_s,
         "generation": best.generation,
         "individual": best.individual,
         "program_hash": best.program,
