@@ -135,9 +135,14 @@ def body_layout(model: mujoco.MjModel, rig: Rig) -> Layout:
 
     Returns:
         The layout.
+
+    Raises:
+        InputError: the body has no feet
     """
     names = [model.geom(i).name for i in range(model.ngeom)]
     feet = [i for i, name in enumerate(names) if name.startswith("foot")]
+    if not feet:
+        raise InputError(f"{rig.body}: no geom's name begins with 'foot'; name the feet of the base so")
     joints = [model.joint(joint.mjcf_joint) for joint in rig.joints]
     free = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
     return Layout(
@@ -274,6 +279,10 @@ def _add_servos(spec: mujoco.MjSpec, rig: Rig) -> None:
             known = ", ".join(other.name for other in spec.joints if other.type == mujoco.mjtJoint.mjJNT_HINGE)
             raise InputError(
                 f"{rig.path}: joint {joint.name}: {rig.body.name} has no hinge {joint.mjcf_joint!r}; it has {known}"
+            )
+        if joint.i_gain != 0:
+            raise InputError(
+                f"{rig.path}: joint {joint.name}: i_gain: simulated servos have no integrator; set it to 0"
             )
         product = joint.product
         hinge.armature = product.armature_kg_m2

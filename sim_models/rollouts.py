@@ -20,7 +20,7 @@ from controller.errors import InputError, RunError
 from controller.native import NativeCycle
 from controller.rig import Rig
 from sim_models import native_rollouts as native
-from sim_models.body import Form, body_layout, build_model, settled_data, substeps
+from sim_models.body import Form, Layout, body_layout, build_model, settled_data, substeps
 from sim_models.perturbations import Perturbations
 from sim_models.raw_channels import full_load_torque, raw_encoders, sampled_substeps, samples_at_instants
 from sim_models.simulated_models import SimulatedModels
@@ -157,7 +157,7 @@ class RolloutPool:
     Args:
         rig: the rig
         form: "free" or "planar"
-        timestep_s: MuJoCo's step [s]
+        timestep_s: MuJoCo's step, unless a model brings its own [s]
         time_limit_s: how long a rollout lasts [s]
         threads: threads that simulate; None: one per CPU this process may use
         stop: when a rollout is over before its time
@@ -184,8 +184,10 @@ class RolloutPool:
             raise InputError(f"time limit {time_limit_s:g} s: shorter than one period of {rig.period_s:g} s; extend it")
         self._lib = native.rollout_library()
         self._model = build_model(rig, form=form, timestep_s=timestep_s, lean=True) if model is None else model
-        self._timestep_s = timestep_s
-        self._threads = threads or len(os.sched_getaffinity(0))
+        self._timestep_s = float(self._model.opt.timestep)
+        self._threads = len(os.sched_getaffinity(0)) if threads is None else threads
+        if self._threads < 1:
+            raise InputError(f"threads {threads}: at least one must simulate; give 1 or more")
         self._keep: list[Any] = []
         self._setup = self._make_setup(stop or StopConditions())
         self._models: SimulatedModels | None = None
@@ -274,6 +276,7 @@ class RolloutPool:
     def _make_setup(self, stop: StopConditions) -> native.SvRolloutSetup:
         """Fill the struct that all simulations share, and keep what it points to."""
         rig, layout = self.rig, body_layout(self._model, self.rig)
+        self._check_sizes(layout)
         nsub = substeps(rig, self._timestep_s)
         sample = samples_at_instants(rig, self._timestep_s, self.nstep)
         settled = settled_data(self._model, rig)
@@ -293,7 +296,7 @@ class RolloutPool:
             nfoot=len(layout.foot_position),
             nhead=len(layout.head_geoms),
             nsensor=len(rig.sensors),
-            window=max(1, round(END_WINDOW_S / rig.period_s)),
+            window=min(max(1, round(END_WINDOW_S / rig.period_s)), native.GOAL_RING - 1),
             stop_head=int(stop.head_contact),
             stop_flight_substeps=_whole(stop.flight_s_max / self._timestep_s),
             stop_tilt_cos=math.cos(stop.tilt_rad_max) if stop.tilt_rad_max < math.pi else -2.0,
@@ -315,6 +318,21 @@ class RolloutPool:
         for index, sensor in enumerate(rig.sensors):
             setup.sensor[index] = native.SENSORS.index(sensor.name)
         return setup
+
+    def _check_sizes(self, layout: Layout) -> None:
+        """Refuse a rig or body that the native structs have no room for."""
+        for what, count, most in (
+            ("joints", len(self.rig.joints), native.JOINT_MAX),
+            ("sensor channels", len(self.rig.sensors), native.SENSOR_MAX),
+            ("feet", len(layout.foot_position), native.FOOT_MAX),
+            ("head geoms", len(layout.head_geoms), native.HEAD_MAX),
+        ):
+            if count > most:
+                raise InputError(f"{self.rig.path}: {count} {what} are more than the {most} of a rollout; use fewer")
+        for sensor in self.rig.sensors:
+            if sensor.name not in native.SENSORS:
+                known = ", ".join(native.SENSORS)
+                raise InputError(f"{self.rig.path}: sensor {sensor.name}: simulation cannot show it; it has {known}")
 
     def _check(self, controllers: Sequence[Controller], cases: Cases, perturbations: Perturbations) -> None:
         """Refuse what would run out of bounds."""

@@ -166,12 +166,20 @@ def test_faults_of_a_body_are_told_in_one_sentence(rig, tmp_path):
             text.replace('joint name="a2"', 'joint name="b2"').replace('joint="a2"', 'joint="b2"'),
             r"has no hinge 'a2'; it has a0, a1, b2",
         ),
+        "footless": (text.replace('name="foot_', 'name="paw_'), "no geom's name begins with 'foot'"),
         "heavy": (text.replace('mass="0.060"', 'mass="-1"'), "cannot (read|compile) this body"),
     }
     for name, (content, expected) in faults.items():
         body = tmp_path / f"{name}.xml"
         if content is not None:
             body.write_text(content)
+        other = dataclasses.replace(rig, body=body)
         with pytest.raises(InputError, match=expected) as told:
-            build_model(dataclasses.replace(rig, body=body))
+            body_layout(build_model(other), other)
         assert "\n" not in str(told.value)
+
+
+def test_an_integral_gain_is_refused(rig):
+    joints = (dataclasses.replace(rig.joints[0], i_gain=5), *rig.joints[1:])
+    with pytest.raises(InputError, match="joint a0: i_gain: simulated servos have no integrator"):
+        build_model(dataclasses.replace(rig, joints=joints))

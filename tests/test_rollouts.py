@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from controller import load_controller, load_rig, parse_controller
-from controller.errors import InputError
+from controller.errors import InputError, RunError
 from controller.native import encode
 from controller.reference import ReferenceCycle
 from controller.registers import registers
@@ -367,8 +367,23 @@ def test_wrong_requests_are_told_in_one_sentence(rig, hopper):
         blind = dataclasses.replace(rig, sensors=())
         with pytest.raises(InputError, match="can not supply 'px'"), RolloutPool(blind, threads=1) as other:
             other.run([hopper], make_cases(0, 0.3), nominal)
-    with pytest.raises(InputError, match="shorter than one period"):
-        RolloutPool(rig, time_limit_s=0.001)
+    for options, fault in (
+        ({"time_limit_s": 0.001}, "shorter than one period"),
+        ({"threads": 0}, "at least one must simulate"),
+        ({"timestep_s": 0.003}, "does not divide the period"),
+    ):
+        with pytest.raises(InputError, match=fault):
+            RolloutPool(rig, **options)
+    smell = dataclasses.replace(rig, sensors=(dataclasses.replace(rig.sensors[0], name="smell"),))
+    with pytest.raises(InputError, match="sensor smell: simulation cannot show it; it has x, y"):
+        RolloutPool(smell)
+
+
+def test_an_error_of_the_engine_is_told(rig, hopper):
+    with RolloutPool(rig, time_limit_s=0.1, threads=2) as pool:
+        pool._model.opt.integrator = 99
+        with pytest.raises(RunError, match=r"lamp-xc330: MuJoCo failed in simulation 0: .*integrator"):
+            pool.run([hopper], make_cases(0, [0.2, 0.3]), nominal_perturbations(1, 3))
 
 
 @pytest.mark.parametrize(
