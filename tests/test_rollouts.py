@@ -16,12 +16,21 @@ from controller.reference import ReferenceCycle
 from controller.registers import registers
 from controller.terminals import TerminalKind, TerminalSpec, terminals_of
 from sim_models import native_rollouts
-from sim_models.body import base_force, base_pose, body_layout, build_model, clearance, settled_data, substeps
+from sim_models.body import (
+    base_force,
+    base_pose,
+    base_rotation,
+    body_layout,
+    build_model,
+    clearance,
+    settled_data,
+    substeps,
+)
 from sim_models.perturbations import draw_perturbations, nominal_perturbations, take
 from sim_models.rollouts import RolloutPool, StopConditions, make_cases, trace_channels
 from sim_models.servo import servo_parameters, set_servo
 from sim_models.simulation import NEVER_STOP, simulate
-from sim_models.statistics import count_hops
+from sim_models.statistics import STATISTICS, count_hops
 
 UNITS = {"t": "s", "a0": "rad", "a1_vel": "rad/s", "a2_load": "1", "px": "m", "py": "m", "pz": "m", "goal_met": "1"}
 UNITS |= {"goal_dist": "m", "heading_error": "rad", "s0": "N"}
@@ -99,7 +108,14 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
     sigma = {name: np.float32(row.pose_noise_m[0]) for name in "xyz"}
     sigma |= {name: np.float32(row.angle_noise_rad[0]) for name in ("heading", "roll", "pitch")}
     sigma["force"] = np.float32(row.force_noise_n[0])
-    latency, sent, pending, records = round(row.latency_s[0] / timestep), [], {}, []
+    latency, sent, pending, records, states = round(row.latency_s[0] / timestep), [], {}, [], []
+
+    def judge():
+        pose = base_pose(model, data)
+        up = base_rotation(model, data)[2, 2]
+        speed = np.linalg.norm(data.qvel[:3] if form == "free" else data.qvel[:2])
+        place = (pose.x, pose.y, pose.heading, math.acos(up), clearance(model, data, layout), speed)
+        states.append((*place, *data.qpos[layout.qpos]))
 
     def look(substep):
         pose = dataclasses.asdict(base_pose(model, data)) | {"force": base_force(model, data)}
@@ -132,6 +148,7 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
             (count - output.zero) / scale
             for count, output, scale in zip(counts.tolist(), cycle.spec.outputs, scales, strict=True)
         ]
+        judge()
         pose = base_pose(model, data)
         height = clearance(model, data, layout)
         records.append((raw, outputs, counts, [pose.x, pose.y, pose.z, height, *data.qpos[layout.qpos]]))
@@ -140,7 +157,47 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
                 data.ctrl[layout.actuator] = pending[k * nsub + i]
             mujoco.mj_step(model, data)
             look(k * nsub + i + 1)
-    return [np.array(column) for column in zip(*records, strict=True)]
+    judge()
+    return [np.array(column) for column in zip(*records, strict=True)], np.array(states)
+
+
+def judged(states, goal):
+    """Compute the statistics of a rollout from its states at control instants, in plain numpy."""
+    x, y, heading, tilt, height, speed = states[:, :6].T
+    joints = states[:, 6:]
+    direction = heading[0] + goal[1]
+    goal_x, goal_y = x[0] + goal[0] * math.cos(direction), y[0] + goal[0] * math.sin(direction)
+    error = np.hypot(goal_x - x, goal_y - y)
+    px = (goal_x - x) * np.cos(heading) + (goal_y - y) * np.sin(heading)
+    moved = np.hypot(np.diff(x), np.diff(y))
+    turned = np.abs(np.diff(joints, axis=0)).mean(axis=1)
+    down = height < 0.002
+    hits = np.flatnonzero(np.abs(px) <= 0.015)
+    first = int(hits[0]) if len(hits) else len(moved)
+    outside = np.flatnonzero(error > 0.015)
+    arrive = int(outside[-1]) + 1 if len(outside) else 0
+    return {
+        "final_error": error[-1],
+        "final_px": px[-1],
+        "min_error": error.min(),
+        "min_abs_px": np.abs(px).min(),
+        "end_tilt": tilt[-1],
+        "max_tilt": tilt.max(),
+        "end_speed": speed[-11:].max(),
+        "end_joint_error": np.abs(joints[-1]).mean(),
+        "max_clearance": height.max(),
+        "path": moved.sum(),
+        "ground_path": moved[down[:-1] & down[1:]].sum(),
+        "path_after_hit": moved[first:].sum(),
+        "joint_path_after_hit": turned[first:].sum(),
+        "status": 0,
+        "fallen": 0,
+        "upright_end": int(tilt[-1] <= 0.35),
+        "alive_steps": len(moved),
+        "hops": count_hops(height),
+        "first_hit_step": first if len(hits) else -1,
+        "arrive_step": arrive if arrive < len(states) else -1,
+    }
 
 
 def loads(rig, torque):
@@ -153,20 +210,27 @@ def loads(rig, torque):
     return shares
 
 
-@pytest.mark.parametrize(("form", "timestep", "seed"), [("free", 0.002, 3), ("planar", 0.005, 4), ("free", 0.0025, 5)])
-def test_rollouts_are_the_slow_loop_bit_for_bit(rig, sensing, form, timestep, seed):
+@pytest.mark.parametrize(
+    ("form", "timestep", "seed", "goal"),
+    [("free", 0.002, 3, (0.35, 0.2)), ("planar", 0.005, 4, (0.02, 0.0)), ("free", 0.0025, 5, (0.02, -0.3))],
+)
+def test_rollouts_are_the_slow_loop_bit_for_bit(rig, sensing, form, timestep, seed, goal):
     perturbations = draw_perturbations(np.random.default_rng(seed), 3, 3)
-    goal, nstep = (0.35, 0.2), 40
+    nstep = 40
     with RolloutPool(rig, form=form, timestep_s=timestep, time_limit_s=0.8, threads=1, stop=NEVER_STOP) as pool:
         fast = pool.run([sensing], make_cases(0, *goal, np.arange(3)), perturbations, traces=True, record=True)
     for sim in range(3):
-        slow = slow_rollout(sensing, rig, form, timestep, nstep, goal, take(perturbations, [sim]))
+        slow, states = slow_rollout(sensing, rig, form, timestep, nstep, goal, take(perturbations, [sim]))
         assert np.array_equal(fast.raw[sim], slow[0])
         assert np.array_equal(fast.outputs[sim].view(np.uint32), slow[1].view(np.uint32))
         assert np.array_equal(fast.goal_counts[sim], slow[2])
         assert np.ptp(slow[2], axis=0).min() > 10  # the controller did move every joint
         places = [fast.channels.index(name) for name in ("x", "y", "z", "clearance", "a0", "a1", "a2")]
         assert np.array_equal(fast.traces[sim][:, places], slow[3].astype(np.float32))
+        expected = judged(states, goal)
+        assert set(expected) == set(STATISTICS.names) - {"head_touched"}
+        for name, value in expected.items():
+            assert fast.statistics[sim][name] == pytest.approx(value, rel=1e-4, abs=2e-6), name
 
 
 def run_many(rig, controllers, threads, **options):
