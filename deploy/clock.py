@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from deploy.lockstep import LockstepBench
+    from deploy.virtual.lockstep import LockstepBench
 
 
 class Clock(Protocol):

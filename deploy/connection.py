@@ -16,7 +16,7 @@ from deploy.sensor_port import SensorPort
 from deploy.witness import Witness
 
 if TYPE_CHECKING:
-    from deploy.virtual_rig import VirtualRig
+    from deploy.virtual.rig import VirtualRig
 
 
 @contextmanager
@@ -30,8 +30,8 @@ def connect_virtual(virtual: VirtualRig, stop: Callable[[], str | None]) -> Iter
     Yields:
         the connection
     """
-    from deploy.lockstep import LockstepBench
     from deploy.lockstep_port import LockstepPort
+    from deploy.virtual.lockstep import LockstepBench
 
     rig = virtual.rig
 

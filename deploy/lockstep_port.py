@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from deploy.lockstep import LockstepBench
 from deploy.port import SerialPort
+from deploy.virtual.lockstep import LockstepBench
 
 _LATENCY_S: Final = 0.001
 

@@ -11,8 +11,8 @@ import numpy as np
 from deploy.comparison import count_hops
 
 if TYPE_CHECKING:
-    from deploy.plant import Truth
-    from deploy.virtual_rig import VirtualRig
+    from deploy.virtual.plant import Truth
+    from deploy.virtual.rig import VirtualRig
 
 
 class Witness:

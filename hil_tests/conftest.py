@@ -84,7 +84,7 @@ def bench(request):
         if option("--port"):
             link = stack.enter_context(connect_ports(rig, option("--port"), option("--sensor-port"), lambda: None))
         else:
-            from deploy.virtual_rig import VirtualRig
+            from deploy.virtual.rig import VirtualRig
 
             link = stack.enter_context(connect_virtual(VirtualRig(rig), lambda: None))
         try:

@@ -143,9 +143,9 @@ def _virtual(
     rig: Rig, twin: Path | None, faults: tuple[str, ...], seed: int, stop: StopRequest
 ) -> Iterator[Connection]:
     # only the virtual rig needs MuJoCo
-    from deploy.faults import parse_fault
-    from deploy.twin import load_twin
-    from deploy.virtual_rig import VirtualRig
+    from deploy.virtual.faults import parse_fault
+    from deploy.virtual.rig import VirtualRig
+    from deploy.virtual.twin import load_twin
 
     body = VirtualRig(
         rig, seed=seed, twin=load_twin(twin) if twin else None, faults=[parse_fault(text) for text in faults]

@@ -64,10 +64,10 @@ def serve(
     Returns:
         exit status
     """
-    from deploy.faults import parse_fault
-    from deploy.server import RigServer
-    from deploy.twin import load_twin
-    from deploy.virtual_rig import VirtualRig
+    from deploy.virtual.faults import parse_fault
+    from deploy.virtual.rig import VirtualRig
+    from deploy.virtual.server import RigServer
+    from deploy.virtual.twin import load_twin
 
     virtual = VirtualRig(
         load_rig(rig),

@@ -16,7 +16,7 @@ from controller import Controller, Rig, controller_text, load_controller, load_r
 from controller.errors import InputError, RunError
 
 if TYPE_CHECKING:
-    from deploy.twin import Twin
+    from deploy.virtual.twin import Twin
     from sim_models.simulation import Simulation
 
 RIG: Final = "lamp-xc330"
@@ -184,7 +184,7 @@ def _run(
         return simulate_once(
             program, rig, goal_dist=goal, timestep_s=TIMESTEP_S if timestep is None else timestep, time_limit_s=seconds
         )
-    from deploy.twin import load_twin
+    from deploy.virtual.twin import load_twin
 
     twin = load_twin(twin_path)
     step = (twin.timestep_s or TIMESTEP_S) if timestep is None else timestep

@@ -5,7 +5,7 @@ from dynamixel_sdk import PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy import dynamixel2 as dxl
+from deploy.virtual import dynamixel2 as dxl
 
 IDS = st.integers(0, dxl.ID_MAX) | st.just(dxl.BROADCAST)
 # bytes that look like headers and stuffing are rare among random ones

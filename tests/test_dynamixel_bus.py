@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from controller import load_rig, registers
 from controller.errors import InputError
-from deploy import dynamixel2 as dxl
 from deploy.connection import connect_virtual
 from deploy.dynamixel_bus import BusError, DynamixelBus, decode, encode
-from deploy.faults import parse_fault
 from deploy.port import PortLostError, SerialPort
-from deploy.pty_line import PtyLine
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual import dynamixel2 as dxl
+from deploy.virtual.faults import parse_fault
+from deploy.virtual.pty_line import PtyLine
+from deploy.virtual.rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
 TABLE = registers(RIG.joints[0].product)

@@ -7,8 +7,8 @@ import pytest
 
 from controller.errors import InputError
 from controller.rig_file import load_rig
-from deploy.faults import KINDS, Fault, parse_fault
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual.faults import KINDS, Fault, parse_fault
+from deploy.virtual.rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
 

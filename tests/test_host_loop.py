@@ -9,13 +9,13 @@ import pytest
 from controller import controller_text, load_rig, parse_controller, registers
 from controller.errors import InputError
 from deploy.connection import connect_virtual
-from deploy.faults import parse_fault
 from deploy.host_loop import RunOptions, run_controller
 from deploy.joint_counts import count_limits, joint_count
 from deploy.log import RunLog, read_log
 from deploy.sensor_reader import checksum
 from deploy.states import WAYS, State, StateMachine
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual.faults import parse_fault
+from deploy.virtual.rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
 TABLE = registers(RIG.joints[0].product)

@@ -4,9 +4,9 @@ import pytest
 import serial
 
 from controller.rig_file import load_rig
-from deploy import dynamixel2 as dxl
-from deploy.lockstep import LockstepBench
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual import dynamixel2 as dxl
+from deploy.virtual.lockstep import LockstepBench
+from deploy.virtual.rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
 READ_BLOCK = dxl.encode(dxl.BROADCAST, dxl.SYNC_READ, bytes([126, 0, 10, 0]) + bytes(joint.id for joint in RIG.joints))

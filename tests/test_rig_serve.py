@@ -16,7 +16,7 @@ import serial
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
 
 from controller.rig_file import load_rig, rig_names
-from deploy import dynamixel2 as dxl
+from deploy.virtual import dynamixel2 as dxl
 from servolve.cli import main
 
 RIG = load_rig("lamp-xc330")

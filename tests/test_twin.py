@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-import deploy.twin
+import deploy.virtual.twin
 from controller.errors import InputError
 from controller.rig_file import load_rig
-from deploy.twin import Twin, load_twin, twin_names
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual.rig import VirtualRig
+from deploy.virtual.twin import Twin, load_twin, twin_names
 
 RIG = load_rig("lamp-xc330")
-TWINS = Path(deploy.twin.__file__).parent / "twins"
+TWINS = Path(deploy.virtual.twin.__file__).parent / "twins"
 
 
 def test_shipped_twins_load_and_wrong_ones_are_one_sentence(tmp_path):

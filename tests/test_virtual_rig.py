@@ -10,11 +10,11 @@ import pytest
 from controller.errors import InputError
 from controller.registers import registers
 from controller.rig_file import load_rig, parse_rig
-from deploy import dynamixel2 as dxl
-from deploy.faults import parse_fault
-from deploy.profile import Profile
-from deploy.twin import Twin
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual import dynamixel2 as dxl
+from deploy.virtual.faults import parse_fault
+from deploy.virtual.profile import Profile
+from deploy.virtual.rig import VirtualRig
+from deploy.virtual.twin import Twin
 
 RIG = load_rig("lamp-xc330")
 IDS = [joint.id for joint in RIG.joints]

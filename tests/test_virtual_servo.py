@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from controller.errors import InputError
 from controller.registers import registers
 from controller.rig_file import load_rig
-from deploy import dynamixel2 as dxl
-from deploy.faults import parse_fault
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual import dynamixel2 as dxl
+from deploy.virtual.faults import parse_fault
+from deploy.virtual.rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
 LINES = registers(RIG.joints[0].product)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from controller.registers import Register
-from deploy.dynamixel2 import (
+from deploy.virtual.dynamixel2 import (
     ACCESS_ERROR,
     DATA_LENGTH_ERROR,
     DATA_LIMIT_ERROR,

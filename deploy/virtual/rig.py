@@ -16,13 +16,13 @@ import numpy as np
 
 from controller.registers import X330_BAUD
 from controller.rig import Joint, Rig
-from deploy.eeprom_file import load_eeprom, save_eeprom
-from deploy.faults import Fault, check_faults
-from deploy.plant import Plant, Start, Truth
-from deploy.twin import Twin
-from deploy.virtual_bus import VirtualBus
-from deploy.virtual_sensors import VirtualSensors
-from deploy.virtual_servo import ERROR_HEAT, ERROR_OVERLOAD, VirtualServo
+from deploy.virtual.bus import VirtualBus
+from deploy.virtual.eeprom_file import load_eeprom, save_eeprom
+from deploy.virtual.faults import Fault, check_faults
+from deploy.virtual.plant import Plant, Start, Truth
+from deploy.virtual.sensors import VirtualSensors
+from deploy.virtual.servo import ERROR_HEAT, ERROR_OVERLOAD, VirtualServo
+from deploy.virtual.twin import Twin
 
 _HARDWARE_ERRORS: Final = {"overload": ERROR_OVERLOAD, "overheat": ERROR_HEAT}
 
@@ -38,7 +38,7 @@ class VirtualRig:
         seed: of faults and noise
         twin: how its physics differ from the simulation's; None: not
         faults: what goes wrong
-        start: "settled" or "limp", see `deploy.plant.Plant`
+        start: "settled" or "limp", see `deploy.virtual.plant.Plant`
         eeprom_path: where the servos' EEPROM is kept between runs; None: it starts as the rig file says
 
     Raises:

@@ -18,7 +18,7 @@ import numpy as np
 
 from controller.errors import InputError
 from controller.rig import Rig, Sensor
-from deploy.twin import Twin
+from deploy.virtual.twin import Twin
 
 QUANTITIES: Final = ("x", "y", "z", "heading", "roll", "pitch", "force")
 """What the virtual rig can measure."""

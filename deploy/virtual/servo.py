@@ -13,9 +13,9 @@ from typing import Final, Protocol
 
 from controller.products import Product
 from controller.registers import X330_BAUD, Register, registers
-from deploy import dynamixel2 as dxl
-from deploy.control_table import ControlTable
-from deploy.profile import Profile
+from deploy.virtual import dynamixel2 as dxl
+from deploy.virtual.control_table import ControlTable
+from deploy.virtual.profile import Profile
 
 POSITION_MODE: Final = 3
 WATCHDOG_TRIPPED: Final = 255

@@ -9,8 +9,8 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Final
 
-from deploy.pty_line import PtyLine
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual.pty_line import PtyLine
+from deploy.virtual.rig import VirtualRig
 
 UNREAD_MAX: Final = 65536
 """Bytes of sensor lines that are kept for a client that does not read."""

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from controller.errors import InputError, RunError
 from controller.rig import Joint, Rig
-from deploy.twin import Twin
-from deploy.virtual_servo import Drive
+from deploy.virtual.servo import Drive
+from deploy.virtual.twin import Twin
 from sim_models.body import (
     Pose,
     base_force,

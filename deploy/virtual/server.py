@@ -15,8 +15,8 @@ from types import TracebackType
 from typing import Final
 
 from controller.errors import InputError
-from deploy.pty_line import QUEUE_MAX, PtyLine
-from deploy.virtual_rig import VirtualRig
+from deploy.virtual.pty_line import QUEUE_MAX, PtyLine
+from deploy.virtual.rig import VirtualRig
 
 TICK_S: Final = 0.005
 """The rig moves at least this often [s]."""

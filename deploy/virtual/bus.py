@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-from deploy import dynamixel2 as dxl
-from deploy.virtual_servo import VirtualServo
+from deploy.virtual import dynamixel2 as dxl
+from deploy.virtual.servo import VirtualServo
 
 BITS_PER_BYTE: Final = 10
 GAP_NS: Final = 50_000_000
