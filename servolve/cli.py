@@ -20,21 +20,22 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 
-# module:function of each command, imported when it is asked for
-for _name, _target in {
-    "demo": "servolve.demo:demo",
-    "evolve": "servolve.evolve:evolve",
-    "show": "servolve.show:show",
-    "eval": "servolve.evaluate:evaluate",
-    "simulate": "servolve.simulate:simulate",
-    "transpile": "servolve.transpile:transpile",
-    "rig": "servolve.rig:app",
-    "deploy": "servolve.deploy:deploy",
-    "replay": "servolve.replay:replay",
-    "compare": "servolve.compare:compare",
-    "bench": "servolve.bench:bench",
-}.items():
-    app.command(_target, name=_name)
+# module:function of each command, imported when it is asked for, and what it does
+_COMMANDS = {
+    "demo": ("servolve.demo:demo", "The whole road once: evolve, transpile, deploy on a virtual rig, compare."),
+    "evolve": ("servolve.evolve:evolve", "Evolve a controller for a task."),
+    "show": ("servolve.show:show", "Show a run, or a controller as text, tree or C."),
+    "eval": ("servolve.evaluate:evaluate", "Run a controller's program over the rows of a CSV file, bit by bit."),
+    "simulate": ("servolve.simulate:simulate", "Simulate a controller, and log or film it."),
+    "transpile": ("servolve.transpile:transpile", "Write a controller as C99."),
+    "rig": ("servolve.rig:app", "List the rigs, and serve virtual ones to other programs."),
+    "deploy": ("servolve.deploy:deploy", "Run a controller on a virtual or a real rig."),
+    "replay": ("servolve.replay:replay", "Check a log against its own controller, bit by bit."),
+    "compare": ("servolve.compare:compare", "Lay a rig's log over its simulation."),
+    "bench": ("servolve.bench:bench", "Measure speed, as ratios."),
+}
+for _order, (_name, (_target, _help)) in enumerate(_COMMANDS.items()):
+    app.command(_target, name=_name, help=_help, sort_key=_order)
 
 # what a package that is not installed is part of
 _EXTRAS = {"mujoco": "sim", "PIL": "sim", "imageio": "report", "jinja2": "report", "matplotlib": "report"}

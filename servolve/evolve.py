@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -34,6 +34,7 @@ def evolve(
     /,
     *,
     rig: str | None = None,
+    engine: Literal["gp"] = "gp",
     out: Path | None = None,
     seed: int = 1,
     population: int | None = None,
@@ -50,6 +51,7 @@ def evolve(
     Args:
         task: lamp (one goal), lamp-robust (any goal in 10 to 60 cm), or the path of a task's Python file
         rig: name or path of the rig; left out: the task's own
+        engine: gp: tree genetic programming
         out: folder of the run, new or empty; left out: runs/TASK-SEED
         seed: of all chance
         population: individuals of a generation
