@@ -10,16 +10,6 @@ from cyclopts import App, CycloptsError
 
 from controller.errors import InputError, RunError
 
-app = App(
-    name="servolve",
-    help="Evolve controllers for small servo robots in MuJoCo, and run the same bits on a bench.",
-    version_flags=["--version"],
-    result_action="return_value",
-    exit_on_error=False,
-    print_error=False,
-    suppress_keyboard_interrupt=False,
-)
-
 # module:function of each command, imported when it is asked for, and what it does
 _COMMANDS = {
     "demo": ("servolve.demo:demo", "The whole road once: evolve, transpile, deploy on a virtual rig, compare."),
@@ -34,11 +24,24 @@ _COMMANDS = {
     "compare": ("servolve.compare:compare", "Lay a rig's log over its simulation."),
     "bench": ("servolve.bench:bench", "Measure speed, as ratios."),
 }
-for _order, (_name, (_target, _help)) in enumerate(_COMMANDS.items()):
-    app.command(_target, name=_name, help=_help, sort_key=_order)
-
 # what a package that is not installed is part of
 _EXTRAS = {"mujoco": "sim", "PIL": "sim", "imageio": "report", "jinja2": "report", "matplotlib": "report"}
+
+
+def _app(summaries: bool) -> App:
+    """Make the command line; `summaries` lists the commands without importing them all for their docstrings."""
+    app = App(
+        name="servolve",
+        help="Evolve controllers for small servo robots in MuJoCo, and run the same bits on a bench.",
+        version_flags=["--version"],
+        result_action="return_value",
+        exit_on_error=False,
+        print_error=False,
+        suppress_keyboard_interrupt=False,
+    )
+    for order, (name, (target, summary)) in enumerate(_COMMANDS.items()):
+        app.command(target, name=name, help=summary if summaries else None, sort_key=order)
+    return app
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -50,8 +53,9 @@ def main(arguments: list[str] | None = None) -> int:
     Returns:
         exit status; 0: done, 1: it ran and failed, 2: the input was wrong
     """
+    arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        status = app(arguments)
+        status = _app(summaries=arguments[:1] in ([], ["--help"], ["-h"]))(arguments)
     except CycloptsError as error:
         return _fail(2, _usage_sentence(error))
     except InputError as error:
