@@ -477,7 +477,7 @@ def test_a_defect_is_not_hidden(monkeypatch):
 
     import servolve.cli
 
-    monkeypatch.setattr(servolve.cli, "app", lambda arguments: broken())
+    monkeypatch.setattr(servolve.cli, "_app", lambda summaries: lambda arguments: broken())
     with pytest.raises(ZeroDivisionError):
         main(["show"])
 
@@ -488,7 +488,7 @@ def test_an_interrupt_is_one_sentence(monkeypatch, capsys):
 
     import servolve.cli
 
-    monkeypatch.setattr(servolve.cli, "app", interrupted)
+    monkeypatch.setattr(servolve.cli, "_app", lambda summaries: interrupted)
     refused(capsys, ["show"], "interrupted", status=1)
 
 
@@ -501,7 +501,7 @@ def test_a_missing_extra_is_named(monkeypatch, capsys):
 
     import servolve.cli
 
-    monkeypatch.setattr(servolve.cli, "app", without_mujoco)
+    monkeypatch.setattr(servolve.cli, "_app", lambda summaries: without_mujoco)
     refused(capsys, ["evolve"], "mujoco", r"servolve\[sim\]")
 
 
