@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from controller import Controller, Rig
 from evolve.conditions import Conditions, draw_conditions
-from evolve.evaluate import Cache, Race, evaluate, is_hit, simulate
+from evolve.evaluate import Cache, Evaluation, Race, evaluate, is_hit, simulate
 from evolve.search import Generation
 from evolve.settings import Settings
 from evolve.streams import Stream, generator
@@ -21,6 +21,7 @@ from sim_models.statistics import HIT_M
 NEAR_M = 0.05
 """Within this of the goal is near [m]."""
 
+_AS_GOOD = 0.1  # of the best's fitness: what so many conditions cannot tell apart
 _RACE_SHARE_OF_CONDITIONS = 3  # a third of the conditions decides which candidates meet the others
 _RACE_SHARE_OF_CANDIDATES = 0.4
 
@@ -141,10 +142,16 @@ def decide(
     race = Race(max(1, settings.decision_goals // _RACE_SHARE_OF_CONDITIONS), _RACE_SHARE_OF_CANDIDATES, 1.0)
     programs = [candidate.program for candidate in hall]
     evaluation = evaluate(task, pool, [candidate.controller for candidate in hall], programs, unseen, Cache(), race)
-    incomplete = evaluation.met < len(unseen)
-    best = hall[int(np.lexsort((evaluation.fitness(1.0), incomplete))[0])]
+    best = hall[_simplest_of_the_best(evaluation, [candidate.nodes for candidate in hall])]
     held_out = draw_conditions(generator(seed, Stream.HELD_OUT), settings, settings.held_out_goals, njoint)
     return best, validate(task, pool, best.controller, held_out), held_out
+
+
+def _simplest_of_the_best(evaluation: Evaluation, nodes: Sequence[int]) -> int:
+    """Return the smallest of those whose fitness is as good as the best's; ties go to the fitter."""
+    fitness = np.where(evaluation.met == evaluation.met.max(), evaluation.fitness(1.0), np.inf)
+    good: list[int] = np.flatnonzero(fitness <= fitness.min() + _AS_GOOD * abs(fitness.min())).tolist()
+    return min(good, key=lambda index: (nodes[index], fitness[index]))
 
 
 def validate(task: Task, pool: RolloutPool, controller: Controller, conditions: Conditions) -> Validation:

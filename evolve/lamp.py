@@ -10,5 +10,14 @@ TASK = Task(
     rig=ROBUST.rig,
     terminals=ROBUST.terminals,
     fitness=ROBUST.fitness,
-    settings=Settings(population=150, generations=15, goals=3, goal_low_m=0.3, goal_high_m=0.3),
+    settings=Settings(
+        population=150,
+        generations=15,
+        goals=3,
+        race_goals=1,
+        race_share=0.4,
+        goal_low_m=0.3,
+        goal_high_m=0.3,
+        time_limit_s=4.0,
+    ),
 )

@@ -124,7 +124,7 @@ def evolve(config: RunConfig, progress: Callable[[Progress], None]) -> RunResult
     with _pool(task, rig, settings, config.threads, deciding=False) as pool:
         _rehearse(task, pool, template, settings, config.seed)
         make_folder(config.out)
-        write_whole(config.out / RUN, run_text(_head(config, rig), settings, _engine()))
+        write_whole(config.out / RUN, run_text(_head(config, rig), settings, _versions()))
         hall, simulations = _search(config, settings, template, pool, progress, started)
     with _pool(task, rig, settings, config.threads, deciding=True) as pool:
         best, validation, held_out = decide(task, pool, rig, settings, config.seed, hall_of_fame(hall, settings))
@@ -264,7 +264,7 @@ def _head(config: RunConfig, rig: Rig) -> dict[str, str | int | float | bool]:
     return {"task": config.task.name, "rig": rig.name, "engine": "gp", "seed": config.seed, "rng": RNG_NAME}
 
 
-def _engine() -> dict[str, str]:
+def _versions() -> dict[str, str]:
     """Return the versions of what computes, as results differ between them in the last digits."""
     return {"servolve": version("servolve"), "mujoco": mujoco.__version__, "numpy": np.__version__}
 
@@ -275,7 +275,7 @@ def _provenance(
     """Return how the best came to be and how good it is."""
     return {
         **_head(config, rig),
-        **{f"{name}_version": text for name, text in _engine().items()},
+        **{f"{name}_version": text for name, text in _versions().items()},
         "time_limit_s": settings.time_limit_s,
         "generation": best.generation,
         "individual": best.individual,

@@ -60,18 +60,18 @@ def make_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); give --out another folder") from None
 
 
-def run_text(head: Mapping[str, str | int | float | bool], settings: Settings, engine: Mapping[str, str]) -> str:
+def run_text(head: Mapping[str, str | int | float | bool], settings: Settings, versions: Mapping[str, str]) -> str:
     """Return the text of `run.toml`, the same for the same run.
 
     Args:
         head: task, rig, seed and the like
         settings: the run's numbers
-        engine: versions of what computes
+        versions: of what computes
 
     Returns:
         the text
     """
-    tables = {"run": head, "settings": dataclasses.asdict(settings), "engine": engine}
+    tables = {"run": head, "settings": dataclasses.asdict(settings), "versions": versions}
     lines = ["format = 1"]
     for name, table in tables.items():
         lines += ["", f"[{name}]", *(f"{key} = {_toml_value(value)}" for key, value in table.items())]

@@ -131,6 +131,7 @@ def test_the_best_is_reported_as_it_is(finished):
     assert simulations == result.simulations == told[-1].simulations
     written = json.loads((folder / "validation.json").read_text())
     assert written["held_out"] == dataclasses.asdict(result.validation)
+    assert len(written["goal_m"]) == SMALL.held_out_goals
     assert tomllib.loads((folder / "run.toml").read_text())["settings"] == dataclasses.asdict(SMALL)
     assert [p.generation for p in told] == list(range(SMALL.generations))
 
