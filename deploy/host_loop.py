@@ -18,6 +18,7 @@ from deploy.cycle_message import CycleStep, CycleWords
 from deploy.joint_counts import joint_angle, joint_count
 from deploy.log import RunLog
 from deploy.period import Connection, FaultError, Period, Periods, StopRunError
+from deploy.run_record import RunRecord
 from deploy.states import State, StateMachine
 from deploy.torque import hold, release, seed_goals, torque_on, unsure_sentence, write_settings
 
@@ -108,21 +109,21 @@ def run_controller(
         how it went; a fault is told there, not raised
     """
     cycle = pack_cycle(controller, rig)
-    periods = Periods(link, rig, controller, log)
+    record = RunRecord(log, announce)
+    periods = Periods(link, rig, controller, record)
     outcome = Outcome()
     digest, nbyte = hashlib.sha256(), 0
 
     def report(left: State, entered: State, reason: str) -> None:
         text = f"{left.value} -> {entered.value}: {reason}"
         periods.event("state", text, left=left.value, entered=entered.value, reason=reason)
-        if announce is not None:
-            announce(entered)
+        record.announce(entered)
 
     def trace(direction: str, t: float, data: bytes) -> None:
         nonlocal nbyte
         nbyte += len(data)
         digest.update(data)
-        log.write("/bus", periods.t(t), {"direction": direction, "hex": data.hex()})
+        record.write("/bus", periods.t(t), {"direction": direction, "hex": data.hex()})
 
     link.bus.port.tap = trace
     machine = StateMachine(report)
@@ -137,18 +138,29 @@ def run_controller(
             outcome.reason = "every check passed; nothing was written, for --arm was not given"
             outcome.done = True
     except StopRunError as stop:
+        record.hold_back()
         outcome.reason = f"stopped: {stop}"
         periods.event("stop", outcome.reason)
     except RunError as error:
+        record.hold_back()
         outcome.reason = str(error)
         outcome.faulty = True
         periods.event("fault", outcome.reason)
     finally:
-        # also when something unforeseen is on its way up
-        _leave(periods, machine, outcome)
-        link.bus.port.end_transaction()
-        link.bus.port.tap = None
+        # also when something unforeseen is on its way up; a stopped terminal or a full disk must not delay the release
+        record.hold_back()
+        try:
+            _leave(periods, machine, outcome)
+            link.bus.port.end_transaction()
+        finally:
+            link.bus.port.tap = None
+            record.let_go()
         outcome.bus_bytes, outcome.bus_sha256 = nbyte, digest.hexdigest()
+    if record.error is not None and not outcome.faulty:
+        if not isinstance(record.error, RunError):
+            raise record.error
+        outcome.faulty = True
+        outcome.reason = str(record.error) if outcome.done else f"{outcome.reason}; {record.error}"
     return outcome
 
 
@@ -243,7 +255,7 @@ def _run(
     _look(periods)
     for k in range(round(options.seconds / periods.rig.period_s)):
         done = periods.walk(k, aim, controller.slew_rad_s)
-        periods.log.write("/cycle", periods.t(done.started), words.message(k, stepped[0], done, periods.origin))
+        periods.record.write("/cycle", periods.t(done.started), words.message(k, stepped[0], done, periods.origin))
         outcome.cycles = k + 1
         outcome.missed_replies += sum(reply.status != "data" for reply in done.replies.values())
         outcome.missed_deadlines += done.overran
@@ -265,7 +277,7 @@ def _look(periods: Periods) -> None:
     witness = periods.link.witness
     if witness is not None:
         seen = witness.look()
-        periods.log.write("/truth", periods.t(witness.t), seen)
+        periods.record.write("/truth", periods.t(witness.t), seen)
 
 
 def _leave(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:

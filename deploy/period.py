@@ -18,8 +18,8 @@ from controller.schedule import Transaction, TransactionKind, period, schedule_o
 from deploy.clock import Clock
 from deploy.dynamixel_bus import BusError, DynamixelBus, Reply
 from deploy.joint_counts import count_limits, joint_angle
-from deploy.log import RunLog
 from deploy.rig_io import RigIO
+from deploy.run_record import RunRecord
 from deploy.safety import (
     Watch,
     judge_hardware_error,
@@ -110,13 +110,13 @@ class Periods:
         link: what the run talks through
         rig: the rig
         controller: the controller, for the sensors that it needs
-        log: the run's log
+        record: of the run
     """
 
-    def __init__(self, link: Connection, rig: Rig, controller: Controller, log: RunLog) -> None:
+    def __init__(self, link: Connection, rig: Rig, controller: Controller, record: RunRecord) -> None:
         self.link = link
         self.rig = rig
-        self.log = log
+        self.record = record
         self.clock = link.clock
         self.origin = link.clock.now()
         self.io = RigIO(rig, link.bus, link.sensors, link.clock)
@@ -142,7 +142,7 @@ class Periods:
             text: one sentence
             **fields: further fields of the message
         """
-        self.log.write("/event", self.t(), {"kind": kind, "text": text, **fields})
+        self.record.write("/event", self.t(), {"kind": kind, "text": text, **fields})
 
     def start(self) -> None:
         """Let the first period start one period from now."""
@@ -203,7 +203,10 @@ class Periods:
 
         Raises:
             StopRunError: with the reason
+            RunError: if the run can not be recorded any more
         """
+        if self.record.error is not None:
+            raise self.record.error
         reason = self.link.stop()
         if reason is None and self.io.reader.emergency_stop:
             reason = "the sensor node sent an emergency stop"
@@ -266,7 +269,7 @@ class Periods:
         for name, count in counts.items():
             scale = table[name].scale
             told[_HEALTH_FIELDS.get(name, name)] = count if scale == 1.0 else round(count * scale, 6)
-        self.log.write("/health", self.t(), {"joint": joint.name, "id": joint.id, **told})
+        self.record.write("/health", self.t(), {"joint": joint.name, "id": joint.id, **told})
         if "hardware_error" in told:
             return judge_hardware_error(joint, int(told["hardware_error"]))
         return judge_health(self.rig, self.watch, joint, told["voltage_v"], told["temperature_c"])

@@ -24,10 +24,10 @@ from deploy.log import RunLog
 from deploy.log_topics import FORMAT
 from deploy.period import Connection
 from deploy.realtime import realtime
-from deploy.states import State
 from deploy.stop_request import StopRequest
 from deploy.summary import summary
 from deploy.torque import unsure_sentence
+from servolve.announcer import Announcer
 
 VIRTUAL: Final = "virtual"
 GOAL_M: Final = 0.4
@@ -100,11 +100,8 @@ def deploy(
             for refused in stack.enter_context(realtime()):
                 console.print(f"servolve: warning: {refused}", highlight=False)
 
-        def announce(state: State) -> None:
-            if not virtual:
-                console.print(f"{about.name}: {state.value}", highlight=False)
-
-        outcome = run_controller(link, about, program, options, record, announce)
+        announcer = None if virtual else stack.enter_context(Announcer(console, about.name))
+        outcome = run_controller(link, about, program, options, record, announcer)
         seen = link.witness.verdict(goal, 0.0) if link.witness else {}
     told = {"controller": program.name, "rig": about.name, "port": port} | summary(outcome, options, seen)
     told["log"] = None if log is None else str(log)

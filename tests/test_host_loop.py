@@ -2,12 +2,15 @@
 
 import itertools
 import math
+import os
+import select
 from dataclasses import replace
 
 import pytest
+from rich.console import Console
 
 from controller import controller_text, load_rig, parse_controller, registers
-from controller.errors import InputError
+from controller.errors import InputError, RunError
 from deploy.connection import connect_virtual
 from deploy.host_loop import RunOptions, run_controller
 from deploy.joint_counts import count_limits, joint_count
@@ -16,6 +19,7 @@ from deploy.sensor_reader import checksum
 from deploy.states import WAYS, State, StateMachine
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.rig import VirtualRig
+from servolve.announcer import Announcer
 
 RIG = load_rig("lamp-xc330")
 TABLE = registers(RIG.joints[0].product)
@@ -54,6 +58,7 @@ class Bench:
         self.virtual = VirtualRig(rig, faults=[parse_fault(fault) for fault in faults], **virtual)
         self.path = tmp_path / "run.mcap"
         self.limits = {joint.id: count_limits(joint) for joint in rig.joints}
+        self.announce = None
 
     def run(self, seconds=2.0, stop=lambda bench: None, controller=None, **options):
         controller = controller or sway()
@@ -70,7 +75,7 @@ class Bench:
         with RunLog(self.path) as log, connect_virtual(self.virtual, lambda: stop(self)) as link:
             log.write("/meta", 0.0, meta)
             self.link = link
-            outcome = run_controller(link, self.rig, controller, options, log)
+            outcome = run_controller(link, self.rig, controller, options, log, self.announce)
         self.log = read_log(self.path)
         assert self.log.complete
         return outcome
@@ -502,3 +507,72 @@ def test_a_controller_for_another_rig_is_refused_before_the_bus_is_touched(bench
     with pytest.raises(InputError, match="period_s"):
         on.run(controller=sway(period_s=0.01))
     assert on.virtual.now < 0.01
+
+
+@pytest.mark.parametrize(("fault", "end"), [((), State.STOPPING), (("dead=2@1.0",), State.FAULT)])
+def test_the_end_is_announced_and_logged_once_torque_is_off(bench, monkeypatch, fault, end):
+    on = bench(*fault)
+    found = {}
+    write = RunLog.write
+
+    def log(self, topic, t, message):
+        if message.get("entered") == end.value:
+            found["logged"] = on.torque()
+        write(self, topic, t, message)
+
+    monkeypatch.setattr(RunLog, "write", log)
+    on.announce = lambda state: found.setdefault(state, on.torque())
+    outcome = on.run(1.5)
+    assert end in found and outcome.state in (State.OFF, State.FAULT)
+    assert found[State.RUNNING] == [1, 1, 1]
+    assert found[end] == found["logged"] == [0, 0, 0]
+    assert on.log.events[-1]["t"] > next(e["t"] for e in on.log.events if e.get("entered") == "running")
+
+
+@pytest.mark.parametrize("at", [0.0, 0.4, 1.0, math.inf])
+def test_a_log_that_fails_leaves_no_torque_and_is_told(bench, monkeypatch, at):
+    on = bench()
+    write = RunLog.write
+
+    def full(self, topic, t, message):
+        # at any time, or as late as the release itself
+        if topic == "/bus" and (t >= at or (math.isinf(at) and on.torque() == [0, 0, 0] and t > 1.0)):
+            raise RunError("run.mcap: the log cannot be written any more (No space left on device)")
+        write(self, topic, t, message)
+
+    monkeypatch.setattr(RunLog, "write", full)
+    outcome = on.run(1.0)
+    assert outcome.faulty and "the log cannot be written any more" in outcome.reason
+    assert outcome.unsure == [] and on.torque() == [0, 0, 0]
+
+
+def test_an_announcer_that_fails_leaves_no_torque(bench):
+    on = bench()
+
+    def burst(state):
+        if state is State.RUNNING:
+            raise ZeroDivisionError("a defect")
+
+    on.announce = burst
+    with pytest.raises(ZeroDivisionError):
+        on.run()
+    assert on.torque() == [0, 0, 0]
+
+
+def test_an_announcer_never_waits_for_a_terminal_that_stands_still():
+    reader, writer = os.pipe()
+    while True:  # until the pipe is full: whoever writes to it now waits
+        os.set_blocking(writer, False)
+        try:
+            os.write(writer, bytes(65536))
+        except BlockingIOError:
+            break
+    os.set_blocking(writer, True)
+    with os.fdopen(writer, "w", buffering=1) as stopped, Announcer(Console(file=stopped), "rig") as announcer:
+        for _ in range(10):
+            announcer(State.RUNNING)
+        os.set_blocking(reader, False)
+        said = b""
+        while said.count(b"rig: running") < 10:  # they all come once somebody reads
+            said += os.read(reader, 1 << 20) if select.select([reader], [], [], 10.0)[0] else pytest.fail("silence")
+    os.close(reader)
