@@ -75,7 +75,7 @@ def schedule_of(rig: Rig) -> Schedule:
         state=block("present_current", "present_position"),
         goal=block("goal_position", "goal_position"),
         health=(
-            block("hardware_error_status", "hardware_error_status"),
+            block("torque_enable", "hardware_error_status"),
             block("present_input_voltage", "present_temperature"),
         ),
     )

@@ -128,7 +128,7 @@ def _check_servo(bus: DynamixelBus, rig: Rig, joint: Joint) -> tuple[Reading, li
         return Reading(joint, values), [Finding("error", text)]
     findings = [Finding("error", f"{named}: {text}") for text in _settings(rig, joint, values)]
     findings += [Finding("error", f"{named}: {text}") for text in _state(rig, joint, values)]
-    hardware = judge_hardware_error(joint, values["hardware_error_status"])
+    hardware = judge_hardware_error(joint, values["hardware_error_status"], values["shutdown"])
     if hardware:
         findings.append(Finding("error", hardware))
     if values["torque_enable"]:

@@ -290,9 +290,10 @@ def _leave(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
     finally:
         if outcome.touched:
             _unload(periods, outcome)
-    if outcome.unsure and machine.state is not State.FAULT:
+    if outcome.unsure and not outcome.faulty:
         outcome.faulty = True
         outcome.reason = unsure_sentence(outcome.unsure)
+    if outcome.faulty and machine.state is not State.FAULT:
         machine.enter(State.FAULT, outcome.reason)
     elif machine.state in (State.STOPPING, State.CHECKED):
         machine.enter(State.OFF, outcome.reason)
@@ -308,6 +309,8 @@ def _unload(periods: Periods, outcome: Outcome) -> None:
             return
         except RunError as error:
             periods.event("torque", str(error))
+            outcome.faulty = True
+            outcome.reason = f"{error}; every servo was released"
     outcome.unsure = release(bus, rig, periods.clock)
     sure = "torque is off on every servo, as read back"
     periods.event("torque", unsure_sentence(outcome.unsure) if outcome.unsure else sure)

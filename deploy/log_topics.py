@@ -129,6 +129,7 @@ _TOPICS: Final = (
         "One block of one servo's health registers",
         _T | {"joint": _text("joint"), "id": _integer("servo id")},
         {
+            "torque": _integer("torque enable register"),
             "hardware_error": _integer("hardware error status bits"),
             "voltage_v": _number("input voltage [V]"),
             "temperature_c": _number("temperature [degrees Celsius]"),

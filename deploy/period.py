@@ -28,6 +28,7 @@ from deploy.safety import (
     judge_sensors,
     judge_tilt,
     judge_timing,
+    judge_torque,
     judge_tracking,
     needed_sensors,
 )
@@ -38,6 +39,7 @@ TRIPPED: Final = 255
 """What the bus watchdog register reads once it has stopped its servo."""
 
 _HEALTH_FIELDS: Final[Mapping[str, str]] = {
+    "torque_enable": "torque",
     "hardware_error_status": "hardware_error",
     "present_input_voltage": "voltage_v",
     "present_temperature": "temperature_c",
@@ -266,21 +268,31 @@ class Periods:
             return None
         table = registers(joint.product)
         told: dict[str, float | int] = {}
-        for name, count in counts.items():
-            scale = table[name].scale
-            told[_HEALTH_FIELDS.get(name, name)] = count if scale == 1.0 else round(count * scale, 6)
+        for name, field_name in _HEALTH_FIELDS.items():
+            if name in counts:
+                scale = table[name].scale
+                told[field_name] = counts[name] if scale == 1.0 else round(counts[name] * scale, 6)
         self.record.write("/health", self.t(), {"joint": joint.name, "id": joint.id, **told})
         if "hardware_error" in told:
-            return judge_hardware_error(joint, int(told["hardware_error"]))
+            hardware_error = int(told["hardware_error"])
+            fault = judge_hardware_error(joint, hardware_error, self._shutdown(joint) if hardware_error else None)
+            return fault or judge_torque(joint, int(told["torque"]))
         return judge_health(self.rig, self.watch, joint, told["voltage_v"], told["temperature_c"])
 
     def _alerts(self, replies: Mapping[int, Reply]) -> str | None:
         for joint in self.rig.joints:
             if replies[joint.id].alert:
-                fault = judge_hardware_error(joint, self._hardware_error(joint))
+                fault = judge_hardware_error(joint, self._hardware_error(joint), self._shutdown(joint))
                 if fault:
                     return fault
         return None
+
+    def _shutdown(self, joint: Joint) -> int | None:
+        register = registers(joint.product)["shutdown"]
+        try:
+            return self.link.bus.read_register(joint.id, register, attempts=1)
+        except BusError:
+            return None  # the sentence does without it
 
     def _hardware_error(self, joint: Joint) -> int:
         register = registers(joint.product)["hardware_error_status"]

@@ -91,19 +91,38 @@ def judge_replies(rig: Rig, watch: Watch, replies: Mapping[int, Reply]) -> str |
     return None
 
 
-def judge_hardware_error(joint: Joint, status: int) -> str | None:
-    """Stop when a servo reports a hardware error: it has switched its own torque off.
+def judge_hardware_error(joint: Joint, status: int, shutdown: int | None) -> str | None:
+    """Stop when a servo reports a hardware error; its shutdown register says whether it has switched its torque off.
 
     Args:
         joint: the joint
         status: its hardware error status
+        shutdown: its shutdown register, or None if that could not be read
     """
     if not status:
         return None
     names = [name for bit, name in HARDWARE_ERRORS.items() if status >> bit & 1] or [f"bits 0x{status:02x}"]
+    done = "" if shutdown is None else " and has switched its torque off"
+    if shutdown is not None and not status & shutdown:
+        done = f", for which its shutdown register (63) of {shutdown} does not switch its torque off"
     return (
-        f"{_named(joint)} reports a hardware error ({', '.join(names)}) and has switched its torque off; remove the "
-        "cause, then reboot the servo or switch it off and on"
+        f"{_named(joint)} reports a hardware error ({', '.join(names)}){done}; remove the cause, then reboot the servo "
+        "or switch it off and on"
+    )
+
+
+def judge_torque(joint: Joint, torque: int) -> str | None:
+    """Stop when a servo that should move has no torque: it has restarted, or something else has switched it off.
+
+    Args:
+        joint: the joint
+        torque: its torque enable register
+    """
+    if torque:
+        return None
+    return (
+        f"{_named(joint)} has no torque; it has restarted, or another program switched it off: check its power cable "
+        "and connectors"
     )
 
 

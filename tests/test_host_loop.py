@@ -17,6 +17,7 @@ from deploy.joint_counts import count_limits, joint_count
 from deploy.log import RunLog, read_log
 from deploy.sensor_reader import checksum
 from deploy.states import WAYS, State, StateMachine
+from deploy.torque import hold
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.rig import VirtualRig
 from servolve.announcer import Announcer
@@ -207,6 +208,20 @@ def test_hold_leaves_torque_on_and_the_watchdog_disarmed(bench):
     assert [servo.table["bus_watchdog"] for servo in on.virtual.servos] == [0, 0, 0]
 
 
+def test_a_rig_that_can_not_hold_is_released_and_told(bench, monkeypatch):
+    on = bench(rig=replace(RIG, safety=replace(RIG.safety, stop="hold")))
+
+    def trip(bus, rig):
+        on.virtual.servos[1].table["torque_enable"] = 0
+        hold(bus, rig)
+
+    monkeypatch.setattr("deploy.host_loop.hold", trip)
+    outcome = on.run(0.5)
+    assert outcome.faulty and outcome.state is State.FAULT
+    assert outcome.reason == "joint a1 (servo 2) was to hold, but its torque is off; every servo was released"
+    assert on.torque() == [0, 0, 0]
+
+
 def test_hold_does_not_outlast_a_fault(bench):
     on = bench("dead=1@1.0", rig=replace(RIG, safety=replace(RIG.safety, stop="hold")))
     assert on.run(2.0).faulty
@@ -356,6 +371,32 @@ def test_a_fault_that_lasts_stops_with_its_sentence_and_torque_off(bench, fault,
     assert on.torque() == [int(fault.startswith("mute") and joint.name in unsure) for joint in RIG.joints]
     last = on.log.cycles[-1]
     assert last["t_write"] is None or "hardware" in sentence or "V" in sentence  # no goal after the fault was known
+
+
+def test_a_servo_that_restarts_unheard_stops_the_run(bench):
+    # it is away for less than the periods that may be missed, and comes back limp
+    rig = replace(RIG, safety=replace(RIG.safety, missed_cycles_max=40, tracking_rad_max=3.0))
+    on = bench("dead=2@1.0-1.05", rig=rig)
+    outcome = on.run(3.0)
+    assert outcome.faulty and outcome.state is State.FAULT
+    assert outcome.reason.startswith("joint a1 (servo 2) has no torque; it has restarted")
+    assert on.torque() == [0, 0, 0] and outcome.unsure == []
+    assert {message.get("torque") for message in on.log.messages["/health"]} == {0, 1, None}
+
+
+@pytest.mark.parametrize(
+    ("shutdown", "sentence"),
+    [
+        (0x35, "reports a hardware error (overload) and has switched its torque off; remove"),
+        (0x15, "reports a hardware error (overload), for which its shutdown register (63) of 21 does not switch its"),
+    ],
+)
+def test_a_hardware_error_says_what_became_of_torque(bench, shutdown, sentence):
+    on = bench("overload=2@1.0")
+    on.virtual.servos[1].table["shutdown"] = shutdown
+    outcome = on.run(3.0)
+    assert outcome.faulty and sentence in outcome.reason
+    assert on.torque() == [0, 0, 0]
 
 
 def test_a_blocked_joint_stops_the_run(bench):
