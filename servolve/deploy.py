@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -28,6 +28,9 @@ from deploy.stop_request import StopRequest
 from deploy.summary import summary
 from deploy.torque import unsure_sentence
 from servolve.announcer import Announcer
+
+if TYPE_CHECKING:
+    from deploy.virtual.twin import Twin
 
 VIRTUAL: Final = "virtual"
 GOAL_M: Final = 0.4
@@ -85,15 +88,16 @@ def deploy(
         raise InputError(f"--seed {seed}: is negative; give a whole number from 0")
     if seconds is None:
         seconds = float(program.provenance.get("time_limit_s", SECONDS))
+    other = _load_twin(twin)
     options = RunOptions(goal, 0.0, seconds, arm or virtual, derate)
     console = Console(stderr=True)
     with ExitStack() as stack:
         stop = stack.enter_context(StopRequest())
         record = stack.enter_context(RunLog(log or os.devnull, 0 if virtual else time.time_ns()))
-        meta = _meta(program, about, options, port, twin, fault, seed)
+        meta = _meta(program, about, options, port, other, fault, seed)
         record.write("/meta", 0.0, meta)
         if virtual:
-            link = stack.enter_context(_virtual(about, twin, fault, seed, stop))
+            link = stack.enter_context(_virtual(about, other, fault, seed, stop))
         else:
             link = stack.enter_context(connect_ports(about, port, sensor_port, stop.reason))
         if real_time:
@@ -135,18 +139,23 @@ def _check_arguments(
         raise InputError("--realtime: the virtual rig runs in lock step, in its own time; leave it out, or give --port")
 
 
+def _load_twin(twin: Path | None) -> Twin | None:
+    if twin is None:
+        return None
+    from deploy.virtual.twin import load_twin
+
+    return load_twin(twin)
+
+
 @contextmanager
 def _virtual(
-    rig: Rig, twin: Path | None, faults: tuple[str, ...], seed: int, stop: StopRequest
+    rig: Rig, twin: Twin | None, faults: tuple[str, ...], seed: int, stop: StopRequest
 ) -> Iterator[Connection]:
     # only the virtual rig needs MuJoCo
     from deploy.virtual.faults import parse_fault
     from deploy.virtual.rig import VirtualRig
-    from deploy.virtual.twin import load_twin
 
-    body = VirtualRig(
-        rig, seed=seed, twin=load_twin(twin) if twin else None, faults=[parse_fault(text) for text in faults]
-    )
+    body = VirtualRig(rig, seed=seed, twin=twin, faults=[parse_fault(text) for text in faults])
     with connect_virtual(body, stop.reason) as link:
         yield link
 
@@ -156,7 +165,7 @@ def _meta(
     rig: Rig,
     options: RunOptions,
     port: str,
-    twin: Path | None,
+    twin: Twin | None,
     faults: tuple[str, ...],
     seed: int,
 ) -> dict[str, Any]:
@@ -175,15 +184,8 @@ def _meta(
         "versions": _versions(),
     }
     if port == VIRTUAL:
-        meta |= {"seed": seed, "faults": list(faults), "twin": _text(twin)}
+        meta |= {"seed": seed, "faults": list(faults), "twin": None if twin is None else twin.text}
     return meta
-
-
-def _text(twin: Path | None) -> str | None:
-    try:
-        return None if twin is None else twin.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return None  # loading it says what is wrong
 
 
 def _versions() -> dict[str, str]:

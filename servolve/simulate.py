@@ -64,10 +64,11 @@ def simulate(
     if not about.period_s <= length <= 600.0:
         raise InputError(f"--seconds {length:g}: is not between {about.period_s:g} and 600; give another length")
     console = Console(stderr=True)
-    run = _run(program, about, goal, length, timestep, twin, console)
+    other = _load_twin(twin)
+    run = _run(program, about, goal, length, timestep, other, console)
     status = int(run.statistics["status"])
     if log is not None:
-        write_log(run, log, length, twin)
+        write_log(run, log, length, other)
     if strip is not None or video is not None:
         from sim_models.film import motion_of, write_strip, write_video
 
@@ -120,14 +121,14 @@ def summary(run: Simulation) -> dict[str, Any]:
     return told
 
 
-def write_log(run: Simulation, path: Path, seconds: float, twin: Path | None) -> None:
+def write_log(run: Simulation, path: Path, seconds: float, twin: Twin | None) -> None:
     """Record a simulation as a log that `servolve replay` can put through again.
 
     Args:
         run: the simulation
         path: the MCAP file
         seconds: length that was asked for [s]
-        twin: its twin file, or None
+        twin: its twin, or None
     """
     from deploy.cycle_message import CycleWords, finite
     from deploy.log import RunLog
@@ -148,7 +149,7 @@ def write_log(run: Simulation, path: Path, seconds: float, twin: Path | None) ->
             "period_s": rig.period_s,
             "port": "simulation",
             "seconds": seconds,
-            "twin": None if twin is None else twin.read_text(encoding="utf-8"),
+            "twin": None if twin is None else twin.text,
             "versions": _versions(),
         }
         record.write("/meta", 0.0, meta)
@@ -167,30 +168,35 @@ def write_log(run: Simulation, path: Path, seconds: float, twin: Path | None) ->
             record.write("/sim", t, {"k": k, "channels": dict(zip(run.channels, values, strict=True))})
 
 
+def _load_twin(twin: Path | None) -> Twin | None:
+    if twin is None:
+        return None
+    from deploy.virtual.twin import load_twin
+
+    return load_twin(twin)
+
+
 def _run(
     program: Controller,
     rig: Rig,
     goal: float,
     seconds: float,
     timestep: float | None,
-    twin_path: Path | None,
+    twin: Twin | None,
     console: Console,
 ) -> Simulation:
     """Simulate on the nominal rig or its twin."""
     from sim_models.body import build_model
     from sim_models.simulation import simulate as simulate_once
 
-    if twin_path is None:
+    if twin is None:
         return simulate_once(
             program, rig, goal_dist=goal, timestep_s=TIMESTEP_S if timestep is None else timestep, time_limit_s=seconds
         )
-    from deploy.virtual.twin import load_twin
-
-    twin = load_twin(twin_path)
     step = (twin.timestep_s or TIMESTEP_S) if timestep is None else timestep
     if twin.stiction_scale != 1.0:
         console.print(
-            f"servolve: warning: {twin_path}: stiction_scale acts on the virtual rig only; it is left out here",
+            f"servolve: warning: twin {twin.name}: stiction_scale acts on the virtual rig only; it is left out here",
             highlight=False,
         )
     # the twin's servos: their stall torque and supply change with their perturbation, their gain with the rig

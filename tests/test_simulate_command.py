@@ -7,6 +7,8 @@ import json
 import pytest
 from PIL import Image
 
+from deploy.log import read_log
+from deploy.virtual.twin import load_twin
 from servolve.cli import main
 
 
@@ -81,3 +83,13 @@ def test_faults_are_one_sentence_and_status_2(capsys, hopper, arguments, fault, 
     assert main(["simulate", hopper, *arguments]) == 2
     told = capsys.readouterr().err
     assert fault in told and told.count("\n") == 1
+
+
+def test_the_log_holds_the_text_of_a_shipped_twin(capsys, hopper, tmp_path):
+    log = tmp_path / "sim.mcap"
+    for command in ("simulate", "deploy"):
+        rig = ["--rig", "lamp-xc330"]
+        assert main([command, hopper, *rig, "--seconds", "0.1", "--twin", "weak-torque", "--log", str(log)]) == 0
+        text = read_log(log).meta["twin"]
+        assert text == load_twin("weak-torque").text and "torque_scale" in text
+    capsys.readouterr()
