@@ -121,6 +121,36 @@ def test_the_nodes_clock_may_drift_and_start_anywhere():
     assert reader.age(FORCE, 199.99 + LATENCY_S) == pytest.approx(LATENCY_S, abs=2e-3)
 
 
+@pytest.mark.parametrize("drift", [-1e-2, -5e-3, -1e-4, 0.0, 1e-4, 5e-3, 1e-2])
+def test_ages_stay_true_whatever_the_nodes_clock(drift):
+    reader = SensorReader(RIG.sensors)
+    worst = 0.0
+    for k in range(120 * 50):  # two minutes, a line every 10 ms, a look every 20 ms, one in ten of them without delay
+        sampled = 0.02 * k
+        late = 0.0 if k % 10 == 0 else 0.009
+        reader.feed(force(k, round(1e6 * (700.0 + sampled * (1.0 + drift))), k), sampled + LATENCY_S + late)
+        age = reader.age(FORCE, sampled + LATENCY_S + late)
+        worst = max(worst, abs(age - (LATENCY_S + late)))
+    assert worst <= abs(drift) * 1.02 + 2e-6
+
+
+def test_an_age_does_not_creep_while_lines_are_read_late():
+    reader = SensorReader(RIG.sensors)
+    for seq in range(3000):  # once a second a line is read without delay
+        late = 0.0 if seq % 100 == 0 else 0.008
+        reader.feed(force(seq, 10_000 * seq, seq), 0.01 * seq + LATENCY_S + late)
+        assert reader.age(FORCE, 0.01 * seq + LATENCY_S + late) == pytest.approx(LATENCY_S + late, abs=2e-4)
+
+
+def test_lines_that_come_late_from_now_on_look_old_not_young():
+    reader = SensorReader(RIG.sensors)
+    for seq in range(1000):
+        late = 0.0 if seq < 200 else 0.1
+        reader.feed(force(seq, 10_000 * seq, seq), 0.01 * seq + LATENCY_S + late)
+        since = max(0.0, 0.01 * (seq - 200) + late)
+        assert reader.age(FORCE, 0.01 * seq + LATENCY_S + late) >= LATENCY_S + late - 0.0101 * since - 1e-6
+
+
 def test_a_silent_node_ages():
     reader = SensorReader(RIG.sensors)
     reader.feed(force(1, 0, 5), LATENCY_S)
