@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 from controller.controller import Controller, Output
 from controller.errors import InputError
 from controller.program import Program
 from controller.rig import Joint, Rig
 from controller.terminals import TerminalSpec, joint_scale, pose_channel, resolve_terminals
+
+COUNT_MAX: Final = 1 << 30
+"""`SV_COUNT_MAX` of `runtime/sv_cycle.c`: counts saturate here, and a count at zero is below."""
 
 
 @dataclass(frozen=True)
@@ -98,21 +101,42 @@ def resolve_cycle(controller: Controller, rig: Rig) -> CycleSpec:
             f"{controller.name}: its outputs are {' '.join(names)}, but the joints of rig '{rig.name}' are "
             f"{' '.join(joints)}; give one output for each joint, in the rig's order"
         )
+    terminals = resolve_terminals(controller, rig)
+    pose = {name: pose_channel(rig, name) for name in ("x", "y", "heading")}
+    for spec in (*terminals, *pose.values()):
+        if abs(spec.zero) >= COUNT_MAX:
+            raise InputError(f"rig '{rig.name}': zero {spec.zero} of '{spec.name}' is not within 2^30; correct it")
     return CycleSpec(
         program=controller.program,
-        terminals=resolve_terminals(controller, rig),
+        terminals=terminals,
         outputs=tuple(
             _output(controller, output, joint, rig)
             for output, joint in zip(controller.outputs, rig.joints, strict=True)
         ),
         period_s=controller.period_s,
         filter=controller.filter,
-        slew_step=controller.slew_rad_s * controller.period_s,
+        slew_step=slew_step(controller),
         nraw=rig.nraw,
-        x=pose_channel(rig, "x"),
-        y=pose_channel(rig, "y"),
-        heading=pose_channel(rig, "heading"),
+        **pose,
     )
+
+
+def unit_scale(output: Output) -> float:
+    """Return how much SI (rad, rad/s) one unit of an output is.
+
+    Args:
+        output: the output
+    """
+    return math.pi / 180.0 if output.unit.startswith("deg") else 1.0
+
+
+def slew_step(controller: Controller) -> float:
+    """Return the largest change of a command in a period, 0: no limit [SI].
+
+    Args:
+        controller: the controller
+    """
+    return controller.slew_rad_s * controller.period_s
 
 
 def _output(controller: Controller, output: Output, joint: Joint, rig: Rig) -> OutputSpec:
@@ -129,7 +153,7 @@ def _output(controller: Controller, output: Output, joint: Joint, rig: Rig) -> O
         low=output.low,
         high=output.high,
         neutral=output.neutral,
-        unit_scale=math.pi / 180.0 if output.unit == "deg" else 1.0,
+        unit_scale=unit_scale(output),
         count_scale=1.0 / scale,
         zero=joint.zero_tick,
         count_low=counts[0],

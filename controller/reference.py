@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from controller import float_math
-from controller.controller import Controller
-from controller.cycle import OutputSpec, resolve_cycle
+from controller.controller import Controller, Output
+from controller.cycle import COUNT_MAX, OutputSpec, resolve_cycle, slew_step, unit_scale
 from controller.errors import InputError
 from controller.operations import BY_OPCODE
 from controller.program import Program
@@ -22,7 +22,6 @@ F = np.float32
 Floats = npt.NDArray[np.float32]
 Counts = npt.NDArray[np.int32]
 
-_COUNT_MAX: Final = 1 << 30
 _GOAL_RADIUS: Final = F(0.015)
 _PI: Final = F(3.14159274)
 _HALF_PI: Final = F(1.57079637)
@@ -119,6 +118,37 @@ def check_inputs(program: Program, inputs: Floats) -> Floats:
     return rows
 
 
+class ReferenceCommand:
+    """Turn a program's outputs into commands, as the cycle does before it counts: clamp, SI, filter, slew limit.
+
+    Args:
+        controller: the controller
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self._outputs = controller.outputs
+        self._scales = [F(unit_scale(output)) for output in controller.outputs]
+        self._filter = F(controller.filter)
+        self._slew_step = F(slew_step(controller))
+        self.held = [F(output.neutral) * scale for output, scale in zip(self._outputs, self._scales, strict=True)]
+
+    def step(self, outputs: Sequence[np.float32]) -> list[np.float32]:
+        """Run one period.
+
+        Args:
+            outputs: the program's own values, (noutput,)
+
+        Returns:
+            commands [SI], (noutput,)
+        """
+        with np.errstate(all="ignore"):
+            self.held = [
+                _follow(held, _clamp(output, value) * scale, self._filter, self._slew_step)
+                for held, output, value, scale in zip(self.held, self._outputs, outputs, self._scales, strict=True)
+            ]
+        return self.held
+
+
 class ReferenceCycle:
     """Run the control cycle of one controller on one rig: what `sv_cycle_step` must agree with, bit for bit.
 
@@ -189,16 +219,7 @@ class ReferenceCycle:
     def _count(self, index: int, value: F) -> int:
         """Return the goal count of one output: converted, filtered, limited in rate."""
         output = self.spec.outputs[index]
-        held = self._held[index]
-        target = value * F(output.unit_scale)
-        if self.spec.filter != 1.0:
-            target = held + F(self.spec.filter) * (target - held)
-        limit = F(self.spec.slew_step)
-        if limit > _ZERO:
-            if target - held > limit:
-                target = held + limit
-            elif target - held < -limit:
-                target = held - limit
+        target = _follow(self._held[index], value * F(output.unit_scale), F(self.spec.filter), F(self.spec.slew_step))
         self._held[index] = target
         count = output.zero + _round(target * F(output.count_scale))
         return min(max(count, output.count_low), output.count_high)
@@ -207,11 +228,23 @@ class ReferenceCycle:
 def _decode(spec: TerminalSpec, raw: Sequence[int] | Counts) -> F:
     if spec.channel < 0:
         return _ZERO
-    count = min(max(int(raw[spec.channel]), -_COUNT_MAX), _COUNT_MAX)
+    count = min(max(int(raw[spec.channel]), -COUNT_MAX), COUNT_MAX)
     return F(count - spec.zero) * F(spec.scale)
 
 
-def _clamp(output: OutputSpec, value: F) -> F:
+def _follow(held: F, target: F, part: F, limit: F) -> F:
+    """Return the command after `held`: towards the target by a part of the way, and by no more than a limit above 0."""
+    if part != F(1):
+        target = held + part * (target - held)
+    if limit > _ZERO:
+        if target - held > limit:
+            target = held + limit
+        elif target - held < -limit:
+            target = held - limit
+    return target
+
+
+def _clamp(output: Output | OutputSpec, value: F) -> F:
     low, high = F(output.low), F(output.high)
     if np.isnan(value):
         return F(output.neutral)
@@ -224,7 +257,7 @@ def _round(value: F) -> int:
     """Round half to even; saturate."""
     if np.isnan(value):
         return 0
-    return int(np.rint(min(max(value, F(-_COUNT_MAX)), F(_COUNT_MAX))))
+    return int(np.rint(min(max(value, F(-COUNT_MAX)), F(COUNT_MAX))))
 
 
 def _direction(x: F, y: F) -> F:

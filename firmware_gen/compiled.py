@@ -50,6 +50,9 @@ class CompiledController:
         self._clamp = library[f"{name}_clamp"]
         self._clamp.argtypes = (ctypes.c_void_p,)
         self._clamp.restype = None
+        self._run_commands = library[f"{name}_run_commands"]
+        self._run_commands.argtypes = (ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p)
+        self._run_commands.restype = None
         self._selftest = library[f"{name}_selftest"]
         self._selftest.argtypes = ()
         self._selftest.restype = ctypes.c_int32
@@ -97,6 +100,20 @@ class CompiledController:
         for row in clamped:
             self._clamp(row.ctypes.data)
         return clamped
+
+    def command(self, outputs: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Turn successive outputs of a program into commands, from the start.
+
+        Args:
+            outputs: float32, unclamped, (nstep, noutput)
+
+        Returns:
+            commands, float32, (nstep, noutput) [rad, rad/s]
+        """
+        rows = np.ascontiguousarray(outputs, np.float32)
+        commands = np.empty_like(rows)
+        self._run_commands(len(rows), rows.ctypes.data, commands.ctypes.data)
+        return commands
 
     def selftest(self) -> int:
         """Run the generated selftest; return 0 where all is well."""
@@ -198,6 +215,16 @@ void {name}_run(int32_t nstep, const float* inputs, float* outputs) {{
   {name}_init(&state);
   for (int32_t i = 0; i < nstep; i++) {{
     {name}_step(&state, inputs + (int64_t)i * {name}_ninput, outputs + (int64_t)i * {name}_noutput);
+  }}
+}}
+
+void {name}_run_commands(int32_t nstep, const float* outputs, float* commands);
+
+void {name}_run_commands(int32_t nstep, const float* outputs, float* commands) {{
+  {name}_state state;
+  {name}_init(&state);
+  for (int32_t i = 0; i < nstep; i++) {{
+    {name}_command(&state, outputs + (int64_t)i * {name}_noutput, commands + (int64_t)i * {name}_noutput);
   }}
 }}
 """

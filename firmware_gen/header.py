@@ -85,10 +85,12 @@ def input_dimension(unit: Unit) -> str:
 
 def _manual(unit: Unit) -> list[str]:
     name = unit.name
-    table_bytes = 4 * (STEPS_USUAL + STEPS_HARD) * (len(unit.controller.inputs) + len(unit.controller.outputs))
+    step_words = len(unit.controller.inputs) + 3 * len(unit.controller.outputs)
+    table_bytes = 4 * (STEPS_USUAL + STEPS_HARD) * step_words
     program = [f"//   {line}" for line in format_source(unit.controller.source).splitlines()]
     return [
         f"//   period      {_number(unit.controller.period_s)} s",
+        f"//   filter      {_filter(unit)}",
         f"//   memory      {unit.state_bytes} bytes of state; {table_bytes} bytes of constants, for the selftest only",
         f"//   worst case  {sum(unit.operation_counts.values())} program operations a step, at most "
         f"{unit.worst_case} float operations and comparisons",
@@ -98,9 +100,13 @@ def _manual(unit: Unit) -> list[str]:
         "// C99 without libc, heap, globals, recursion and double. Once a period:",
         "//",
         f"//   {name}_step(&state, inputs, outputs);",
-        f"//   {name}_clamp(outputs);",
+        f"//   {name}_command(&state, outputs, command);",
+        "//   counts = zero + round(command * counts per rad), half to even, within the servo's limits",
         "//",
         f"// after {name}_selftest() has returned 0 and {name}_init(&state) has been called, at start-up.",
+        "//",
+        "// Symbols are <name>_<function>, <name>_input_<terminal> and <name>_output_<joint>. No <name> holds _input",
+        "// or _output, so those of two controllers never meet.",
     ]
 
 
@@ -126,10 +132,24 @@ def _output_comment(output: Output) -> str:
     )
 
 
+def _filter(unit: Unit) -> str:
+    controller = unit.controller
+    part = f"y += {_number(controller.filter)} * (u - y)" if np.float32(controller.filter) != 1 else "none"
+    slew = f"{_number(controller.slew_rad_s)} rad/s" if controller.slew_rad_s else "none"
+    return f"{part}; slew limit {slew}"
+
+
 def _state(unit: Unit) -> list[str]:
     nstate = unit.controller.program.nstate
     comment = "the program's memory, all 0 at the start" if nstate else "unused: this program has no memory"
-    return ["typedef struct {", f"  float s[{max(nstate, 1)}];  // {comment}", f"}} {unit.name}_state;", ""]
+    held = [f"  float held[{unit.name}_noutput];  // the commands of the period before, neutral at the start"]
+    return [
+        "typedef struct {",
+        f"  float s[{max(nstate, 1)}];  // {comment}",
+        *(held if unit.follows else []),
+        f"}} {unit.name}_state;",
+        "",
+    ]
 
 
 def _functions(unit: Unit) -> list[str]:
@@ -142,12 +162,18 @@ def _functions(unit: Unit) -> list[str]:
         f"void {name}_step({name}_state* state, const float inputs[{input_dimension(unit)}], "
         f"float outputs[{name}_noutput]);",
         "",
-        "// Make outputs fit to be commanded: a NaN becomes neutral, the rest is clamped to its limits.",
+        "// Clamp outputs where they are, in their own units: a NaN becomes neutral, the rest keeps to its limits.",
         f"void {name}_clamp(float outputs[{name}_noutput]);",
+        "",
+        "// Turn the program's own outputs into commands [rad, rad/s], once a period: clamp, convert, filter, limit",
+        "// the rate. Both arrays may be the same.",
+        f"void {name}_command({name}_state* state, const float outputs[{name}_noutput], "
+        f"float command[{name}_noutput]);",
         "",
         "// Check this build on this machine against the recorded answers of the reference. Returns 0: the same bits;",
         "// n > 0: step n of the recording differs; -1: subnormals are flushed to zero; -2: products are fused with",
-        "// sums; -3: rounding is not to nearest even; -4: the clamp is wrong.",
+        "// sums; -3: rounding is not to nearest even; -4: the clamp is wrong; -5: a copied function is wrong;",
+        "// -6: the command is wrong.",
         f"int32_t {name}_selftest(void);",
         "",
     ]

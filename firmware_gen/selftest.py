@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from firmware_gen.function_check import calls_functions, function_check_lines
 from firmware_gen.header import input_dimension
 from firmware_gen.literals import literal
 from firmware_gen.unit import Unit
@@ -22,25 +23,30 @@ def selftest_lines(unit: Unit, vectors: Vectors) -> list[str]:
         lines of C
     """
     return [
-        *_table(unit, "input", vectors.inputs),
-        *_table(unit, "output", vectors.outputs),
+        *_table(unit, "recorded_inputs", "the reference's inputs", vectors.inputs),
+        *_table(unit, "recorded_outputs", "the reference's outputs", vectors.outputs),
+        *_table(unit, "recorded_values", "outputs that try the output stage", vectors.values),
+        *_table(unit, "recorded_commands", "the reference's commands for them", vectors.commands),
         *_arithmetic(unit),
+        *function_check_lines(unit),
         *_clamp_check(unit),
+        *_command_check(unit, vectors),
         *_selftest(unit, vectors),
     ]
 
 
-def _table(unit: Unit, kind: str, bits: npt.NDArray[np.uint32]) -> list[str]:
+def _table(unit: Unit, table: str, comment: str, bits: npt.NDArray[np.uint32]) -> list[str]:
     if bits.shape[1] == 0:
         return []
+    size = f"{unit.name}_{'ninput' if table == 'recorded_inputs' else 'noutput'}"
     rows = []
     for row in bits.tolist():
         words = [f"0x{word:08x}U" for word in row]
         chunks = [", ".join(words[i : i + 8]) for i in range(0, len(words), 8)]
         rows.append("    {" + ",\n     ".join(chunks) + "},")
     return [
-        f"// the reference's {kind}s, as bits, step by step",
-        f"static const uint32_t {unit.name}_recorded_{kind}s[{len(rows)}][{unit.name}_n{kind}] = {{",
+        f"// {comment}, as bits, step by step",
+        f"static const uint32_t {unit.name}_{table}[{len(rows)}][{size}] = {{",
         *rows,
         "};",
         "",
@@ -140,6 +146,32 @@ def _clamp_check(unit: Unit) -> list[str]:
     ]
 
 
+def _command_check(unit: Unit, vectors: Vectors) -> list[str]:
+    name = unit.name
+    return [
+        f"static int32_t {name}_command_check(void) {{",
+        f"  {name}_state state;",
+        f"  float command[{name}_noutput];",
+        "  int32_t step;",
+        "  int32_t i;",
+        f"  {name}_init(&state);",
+        f"  for (step = 0; step < {len(vectors.values)}; step++) {{",
+        f"    for (i = 0; i < {name}_noutput; i++) {{",
+        f"      command[i] = {name}_float({name}_recorded_values[step][i]);",
+        "    }",
+        f"    {name}_command(&state, command, command);",
+        f"    for (i = 0; i < {name}_noutput; i++) {{",
+        f"      if (!{name}_same(command[i], {name}_recorded_commands[step][i])) {{",
+        "        return 0;",
+        "      }",
+        "    }",
+        "  }",
+        "  return 1;",
+        "}",
+        "",
+    ]
+
+
 def _selftest(unit: Unit, vectors: Vectors) -> list[str]:
     name = unit.name
     read = [
@@ -158,6 +190,7 @@ def _selftest(unit: Unit, vectors: Vectors) -> list[str]:
         "  if (status != 0) {",
         "    return status;",
         "  }",
+        *(["  if (!" + name + "_functions()) {", "    return -5;", "  }"] if calls_functions(unit) else []),
         *([] if unit.controller.inputs else ["  inputs[0] = 0.0F;"]),
         f"  {name}_init(&state);",
         f"  for (step = 0; step < {len(vectors.inputs)}; step++) {{",
@@ -172,6 +205,9 @@ def _selftest(unit: Unit, vectors: Vectors) -> list[str]:
         "      }",
         "    }",
         "  }",
-        f"  return {name}_clamp_check() ? 0 : -4;",
+        f"  if (!{name}_clamp_check()) {{",
+        "    return -4;",
+        "  }",
+        f"  return {name}_command_check() ? 0 : -6;",
         "}",
     ]

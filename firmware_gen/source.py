@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-
 from controller.decimals import format_decimal
 from controller.operations import BY_OPCODE
+from firmware_gen.command import clamp_lines, command_lines, init_lines
 from firmware_gen.header import input_dimension, opening_comment
-from firmware_gen.literals import literal
 from firmware_gen.names import mangle
 from firmware_gen.selftest import selftest_lines
 from firmware_gen.unit import GENERATOR_VERSION, Unit, operands_of, register_texts
@@ -57,22 +55,14 @@ def source_text(unit: Unit) -> str:
         _ARITHMETIC,
     ]
     parts += [function.text for function in unit.functions]
-    parts += [*_init(unit), *_step(unit), *_clamp(unit), *selftest_lines(unit, selftest_vectors(unit.controller)), ""]
+    parts += [*init_lines(unit), *_step(unit), *clamp_lines(unit), *command_lines(unit)]
+    parts += [*selftest_lines(unit, selftest_vectors(unit.controller)), ""]
     return "\n".join(parts)
-
-
-def _init(unit: Unit) -> list[str]:
-    return [
-        f"void {unit.name}_init({unit.name}_state* state) {{",
-        *[f"  state->s[{i}] = 0.0F;" for i in range(max(unit.controller.program.nstate, 1))],
-        "}",
-        "",
-    ]
 
 
 def _step(unit: Unit) -> list[str]:
     name, program = unit.name, unit.controller.program
-    registers = register_texts(unit.controller)
+    registers = register_texts(unit.controller, name)
     first_result = program.nregister - len(program.instructions)
     rows = program.instructions.tolist()
     used = {i for row in rows for i in operands_of(BY_OPCODE[row[0]], row)} | set(program.outputs.tolist())
@@ -114,25 +104,3 @@ def _comments(unit: Unit) -> list[str]:
         comments.append(expression)
         texts.append(expression if len(expression) <= COMMENT_MAX else f"v{i}")
     return comments
-
-
-def _clamp(unit: Unit) -> list[str]:
-    name = unit.name
-    lines = [
-        f"static float {name}_limit(float value, float low, float high, float neutral) {{",
-        "  if (value != value) {",
-        "    return neutral;",
-        "  }",
-        "  if (value < low) {",
-        "    return low;",
-        "  }",
-        "  return value > high ? high : value;",
-        "}",
-        "",
-        f"void {name}_clamp(float outputs[{name}_noutput]) {{",
-    ]
-    for output in unit.controller.outputs:
-        place = f"outputs[{name}_output_{mangle(output.name)}]"
-        limits = ", ".join(literal(np.float32(value)) for value in (output.low, output.high, output.neutral))
-        lines.append(f"  {place} = {name}_limit({place}, {limits});")
-    return [*lines, "}", ""]

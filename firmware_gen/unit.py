@@ -11,12 +11,13 @@ from typing import Final
 import numpy as np
 
 from controller import Controller, program_hash
+from controller.cycle import slew_step
 from controller.operations import BY_OPCODE, Operation
 from firmware_gen.literals import literal
-from firmware_gen.names import check_c_name, mangle
+from firmware_gen.names import check_c_name, local_prefix, mangle, unit_name
 from firmware_gen.runtime_functions import RuntimeFunction, called_functions, operations_of, read_runtime_functions
 
-GENERATOR_VERSION: Final = 1
+GENERATOR_VERSION: Final = 2
 """Changes whenever the same controller gives other files."""
 
 
@@ -52,7 +53,13 @@ class Unit:
     @property
     def state_bytes(self) -> int:
         """Return the size of the state structure [bytes]."""
-        return 4 * max(self.controller.program.nstate, 1)
+        held = len(self.controller.outputs) if self.follows else 0
+        return 4 * (max(self.controller.program.nstate, 1) + held)
+
+    @property
+    def follows(self) -> bool:
+        """Return whether commands have a memory: a filter or a slew limit."""
+        return bool(np.float32(self.controller.filter) != 1 or np.float32(slew_step(self.controller)) > 0)
 
 
 def make_unit(controller: Controller, name: str | None = None) -> Unit:
@@ -68,9 +75,9 @@ def make_unit(controller: Controller, name: str | None = None) -> Unit:
     Raises:
         InputError: the name is not a C identifier
     """
-    prefix = check_c_name(mangle(controller.name) if name is None else name)
+    prefix = check_c_name(unit_name(controller.name), controller.name) if name is None else check_c_name(name)
     functions = read_runtime_functions()
-    expressions = tuple(_expressions(controller))
+    expressions = tuple(_expressions(controller, prefix))
     counts = Counter(BY_OPCODE[op].name for op in controller.program.instructions["op"].tolist())
     used = [operation for operation in BY_OPCODE.values() if counts[operation.name]]
     digest = program_hash(controller.program)
@@ -96,23 +103,24 @@ def operands_of(operation: Operation, row: tuple[int, ...]) -> tuple[int, ...]:
     return row[1 : 1 + operation.arity]
 
 
-def register_texts(controller: Controller) -> list[str]:
+def register_texts(controller: Controller, name: str) -> list[str]:
     """Return the C text of every register: inputs, constants, results.
 
     Args:
         controller: the controller
+        name: what the unit's symbols begin with
 
     Returns:
         (nregister,)
     """
     program = controller.program
-    inputs = [f"in_{mangle(name)}" for name in program.inputs]
+    inputs = [f"{local_prefix(name)}{mangle(terminal)}" for terminal in program.inputs]
     constants = [literal(value) for value in program.constants]
     return inputs + constants + [f"v{i}" for i in range(len(program.instructions))]
 
 
-def _expressions(controller: Controller) -> list[str]:
-    registers = register_texts(controller)
+def _expressions(controller: Controller, name: str) -> list[str]:
+    registers = register_texts(controller, name)
     period = literal(np.float32(controller.period_s))
     expressions = []
     for row in controller.program.instructions.tolist():
@@ -130,6 +138,8 @@ def _fingerprint(name: str, controller: Controller, digest: str) -> int:
         controller.name,
         digest,
         controller.period_s,
+        controller.filter,
+        controller.slew_rad_s,
         [[i.name, i.unit, i.low, i.high] for i in controller.inputs],
         [[o.name, o.kind, o.unit, o.low, o.high, o.neutral] for o in controller.outputs],
     ]

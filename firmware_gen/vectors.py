@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from controller import Controller, Input, program_hash
-from controller.reference import run_program
+from controller.cycle import slew_step, unit_scale
+from controller.reference import ReferenceCommand, run_program
 
 Floats = npt.NDArray[np.float32]
 
@@ -56,11 +57,15 @@ class Vectors:
         inputs: bit patterns, uint32, (nstep, ninput)
         outputs: the reference's bit patterns, every NaN as `NAN_BITS`, uint32, (nstep, noutput)
         second: the step at which the second sequence starts
+        values: bit patterns of outputs that try the output stage, of one sequence, uint32, (nstep, noutput)
+        commands: what it makes of them, uint32, (nstep, noutput)
     """
 
     inputs: npt.NDArray[np.uint32]
     outputs: npt.NDArray[np.uint32]
     second: int
+    values: npt.NDArray[np.uint32]
+    commands: npt.NDArray[np.uint32]
 
 
 def bits_of(values: Floats) -> npt.NDArray[np.uint32]:
@@ -115,4 +120,24 @@ def selftest_vectors(controller: Controller) -> Vectors:
         run_program(controller.program, controller.period_s, rows)
         for rows in (inputs[:STEPS_USUAL], inputs[STEPS_USUAL:])
     ]
-    return Vectors(bits_of(inputs), bits_of(np.concatenate(outputs)), STEPS_USUAL)
+    values, commands = _command_vectors(controller)
+    return Vectors(bits_of(inputs), bits_of(np.concatenate(outputs)), STEPS_USUAL, bits_of(values), bits_of(commands))
+
+
+def _command_vectors(controller: Controller) -> tuple[Floats, Floats]:
+    """Return outputs that pass and miss every limit of the output stage, and the commands; (nstep, noutput) each."""
+    shape = (STEPS_USUAL + STEPS_HARD, len(controller.outputs), 2)
+    stream = hashlib.shake_256(b"command " + program_hash(controller.program).encode())
+    words = np.frombuffer(stream.digest(4 * int(np.prod(shape))), "<u4").astype(np.uint32).reshape(shape)
+    ranges = [Input(output.name, output.unit, output.low, output.high) for output in controller.outputs]
+    values = draw_inputs(words, ranges)
+    # every other period close to the command before, so that the slew limit does not hide the filter
+    near = (slew_step(controller) or 0.1) / controller.filter * (words[..., 0] / 2.0**31 - 1.0)
+    reference = ReferenceCommand(controller)
+    commands = np.empty_like(values)
+    scales = np.array([unit_scale(output) for output in controller.outputs])
+    for k in range(len(values)):
+        if k % 2:
+            values[k] = (np.array(reference.held, np.float64) + near[k]) / scales
+        commands[k] = reference.step(list(values[k]))
+    return values, commands

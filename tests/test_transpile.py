@@ -236,9 +236,12 @@ EVERYTHING = """(let ((n1 (tanh (+ (* 0.5 (last n1)) a0))) (n2 (sigmoid (* (last
     (% (sin a0) 1e-40) (ifltz a0 a1 n1)))"""
 SHAPES = {
     "everything": make_controller(EVERYTHING),
-    "no_input": make_controller("(list (osc-wave 1.5 0))", inputs=()),
-    "unused_input": make_controller("(list 1 2)"),
+    "no_terminal": make_controller("(list (osc-wave 1.5 0))", inputs=()),
+    "unused": make_controller("(list 1 2)"),
     "no_operation": make_controller("(list a1)"),
+    "in": make_controller("(list (+ a (* input_a state)))", inputs=("input_a", "a", "state")),
+    "in_a": make_controller("(list (+ a_step (* a a_input_a)))", inputs=("a_step", "a", "a_input_a")),
+    "made_": make_controller("(list (+ y (* v0 (integrate word))))", inputs=("y", "v0", "word")),
     "hard_names": make_controller("(list (+ int (* osc-like.name double)))", inputs=("int", "osc-like.name", "double")),
 }
 
@@ -248,7 +251,7 @@ def test_compiles_without_a_warning_as_c_and_cpp(name, tmp_path):
     transpile(SHAPES[name], tmp_path, name)
     for compiler in ("gcc", "clang"):
         for level in ("-O0", "-O3"):
-            command = (compiler, "-std=c99", "-ffp-contract=off", *WARNINGS, level, "-c", f"{name}.c")
+            command = (compiler, "-std=c99", "-ffp-contract=off", "-Wshadow", *WARNINGS, level, "-c", f"{name}.c")
             assert run_command(*command, cwd=tmp_path).stderr == ""
     for language in ("-std=c++98", "-std=c++17"):
         command = ("clang", "-x", "c++", language, "-Wall", "-Wextra", "-Werror", "-c", f"{name}.c")
@@ -406,7 +409,7 @@ def test_selftest_passes_as_generated(made, tmp_path):
     [
         ("1.5F;", "1.50000012F;", 1),
         ("0.00833218824F", "0.0083331F", None),
-        ("return y;\n}\n\nvoid made_init", "return s[0] = y + 0.0F * dt, dt;\n}\n\nvoid made_init", 1),
+        ("return y;\n}\n\nvoid made_init", "return s[0] = y + 0.0F * dt, dt;\n}\n\nvoid made_init", -5),
         ("state->s[0] = 0.0F", "(void)state", None),
         ("if (value != value)", "if (0)", -4),
         ("return low;", "return value;", -4),
@@ -418,6 +421,35 @@ def test_selftest_notices_a_change_of_the_code(made, tmp_path, old, new, status)
     change(made.source, old, new)
     found = selftest_of(tmp_path, libraries=("-lm",))
     assert found == status if status is not None else found != 0
+
+
+SLOW = "(list (* 30 (osc-tri 0.5 0)) (* 20 (osc-wave 0.7 0)) (smooth (tanh (integrate a0)) 0.001) (log (exp a1)))"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("3.0F - y", "3.0F + y"),  # branches that the program reaches after a second
+        ("y - 1.0F;\n  } else", "y + 1.0F;\n  } else"),
+        ("x < 0.5F", "x < 0.75F"),
+        ("x > -8388608.0F", "x > 8388608.0F"),
+        ("y < 1.0F ? y : 0.99999994F", "y"),
+        ("y = y - 1.0F;\n  }\n  y = x - y", "y = y + 1.0F;\n  }\n  y = x - y"),
+        ("6.28318548F", "6.28318596F"),
+        ("0.00138873095F", "0.00138873905F"),
+        ("quadrant & 2U", "quadrant & 1U"),
+        ("magnitude < 0.625F", "magnitude < 0.5F"),
+        ("if (x > 88.7228317F", "if (x > 80.0F"),
+        ("if (x < 1.17549435e-38F", "if (x < 0.0F"),
+        ("w > 1.0F ? 1.0F : w", "w"),
+    ],
+)
+def test_selftest_notices_changed_functions_of_slow_programs(old, new, tmp_path):
+    source = transpile(make_controller(SLOW), tmp_path, "made").source
+    head, mark, tail = source.read_text().partition("void made_init(")
+    assert old in head
+    source.write_text(head.replace(old, new, 1) + mark + tail)
+    assert selftest_of(tmp_path) == -5
 
 
 @pytest.mark.parametrize("step", [1, 12, 13, 24])
@@ -470,11 +502,38 @@ def test_refuses_a_header_of_another_run(made, tmp_path):
 
 
 def test_refuses_a_header_of_another_generator(made, tmp_path):
-    change(made.header, "made_GENERATOR 1", "made_GENERATOR 2")
+    change(made.header, "made_GENERATOR 2", "made_GENERATOR 3")
     assert "are not of the same run" in run_command("gcc", "-c", "made.c", cwd=tmp_path).stderr
 
 
 # --- errors and the report -------------------------------------------------------------------------------------------
+
+
+def test_symbols_of_two_controllers_never_meet():
+    terminals = ("a", "init", "input_a", "output_j0", "a_state", "x5F_input", "step")
+    symbols = {}
+    for name in ("lamp", "lamp_input", "lamp.input", "lamp_output", "lamp_input_a", "lamp_x5F_input", "lamp_init"):
+        controller = make_controller("(list a (+ a 1))", inputs=terminals, name=name)
+        header = re.sub(r"//[^\n]*", "", generate(controller).header)
+        for symbol in set(re.findall(r"\blamp\w*", header)):
+            assert symbols.setdefault(symbol, name) == name
+    assert len(symbols) > 100
+
+
+@pytest.mark.parametrize("name", ["lamp_input", "lamp_output_a", "math", "String", "assert", "features", "stdio"])
+def test_names_that_hide_or_collide_are_refused(name, tmp_path):
+    with pytest.raises(InputError, match=f"--name '{name}' .*choose another name"):
+        transpile(SHAPES["no_operation"], tmp_path, name)
+    if name.islower() and "_" not in name:
+        with pytest.raises(InputError, match=f"the controller's name '{name}' .*choose another one with --name"):
+            transpile(make_controller("(list a0)", name=name), tmp_path)
+
+
+def test_a_name_that_is_too_long_in_c_names_the_option(tmp_path):
+    name = "a." * 31
+    with pytest.raises(InputError, match=r"the controller's name .* makes a C name of 186 characters.*--name"):
+        transpile(make_controller("(list a0)", name=name), tmp_path)
+    transpile(make_controller("(list a0)", name=name), tmp_path, "short")
 
 
 @pytest.mark.parametrize("name", ["", "a-b", "1a", "a b", "é", "a" * 65, "stdint", "Float", "../x"])

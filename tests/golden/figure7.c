@@ -2,11 +2,11 @@
 //
 //   controller  figure7
 //   program     a6d9474c72a6eebd7b376ef9cd21d0058ec9a4fbde67b184898cdf29c4450ee6
-//   generator   1
+//   generator   2
 
 #include "figure7.h"
 
-#if figure7_GENERATOR != 1 || figure7_FINGERPRINT != 0x9ca0ff71
+#if figure7_GENERATOR != 2 || figure7_FINGERPRINT != 0x09651344
 #error "figure7.h and figure7.c are not of the same run: generate both again"
 #endif
 
@@ -91,6 +91,18 @@ void figure7_clamp(float outputs[figure7_noutput]) {
   outputs[figure7_output_a2] = figure7_limit(outputs[figure7_output_a2], (-65.6999969F), 65.6999969F, 0.0F);
 }
 
+void figure7_command(figure7_state* state, const float outputs[figure7_noutput], float command[figure7_noutput]) {
+  int32_t i;
+  (void)state;
+  for (i = 0; i < figure7_noutput; i++) {
+    command[i] = outputs[i];
+  }
+  figure7_clamp(command);
+  command[figure7_output_a0] = command[figure7_output_a0] * 0.0174532924F;
+  command[figure7_output_a1] = command[figure7_output_a1] * 0.0174532924F;
+  command[figure7_output_a2] = command[figure7_output_a2] * 0.0174532924F;
+}
+
 // the reference's inputs, as bits, step by step
 static const uint32_t figure7_recorded_inputs[24][figure7_ninput] = {
     {0x40bbfec4U, 0xbf3defbbU, 0xbf847f8eU, 0xbd5c31efU, 0x413b146cU, 0xbeffc005U, 0x3ed4354aU, 0xbf97d778U,
@@ -171,6 +183,62 @@ static const uint32_t figure7_recorded_outputs[24][figure7_noutput] = {
     {0xbe473b96U, 0xc0ef1430U, 0x00000000U},
 };
 
+// outputs that try the output stage, as bits, step by step
+static const uint32_t figure7_recorded_values[24][figure7_noutput] = {
+    {0x19d688fcU, 0xff800000U, 0x46000000U},
+    {0xbfb247b5U, 0xc28ac66bU, 0x428a770bU},
+    {0xc270b28eU, 0xc22c2d78U, 0x4266570fU},
+    {0xc274259dU, 0xc22b9c4bU, 0x426a093eU},
+    {0x408910a9U, 0x97c5608eU, 0xbf800000U},
+    {0x41111f95U, 0x3faeaf94U, 0x3fe32450U},
+    {0x4b000000U, 0x424b752fU, 0x4231260fU},
+    {0x4272df72U, 0x42453f76U, 0x422adedbU},
+    {0x4214e28eU, 0xb2f18d97U, 0x3f7fffffU},
+    {0x41fecd58U, 0xbf8e5846U, 0xbe6f3b22U},
+    {0xc2136741U, 0xc20c6337U, 0xc1ee1fa0U},
+    {0xc20dac31U, 0xc215518aU, 0xc201da4fU},
+    {0x412d5ae3U, 0xc25554d1U, 0xc212a657U},
+    {0x4114df48U, 0xc263d4cbU, 0xc2013104U},
+    {0xfc4577d6U, 0xc21f7765U, 0xff800000U},
+    {0xc280cb10U, 0xc22be5e4U, 0xc2760a21U},
+    {0x4221c718U, 0xc2169327U, 0xc133383cU},
+    {0x420c4f2cU, 0xc213153aU, 0xc127f107U},
+    {0xbf800000U, 0xc10039e5U, 0x4208f9c2U},
+    {0xc0c5398eU, 0xc1513bcdU, 0x42151b5fU},
+    {0xecd347acU, 0x4021ff83U, 0xc2256f1bU},
+    {0xc27865b1U, 0x40f2094eU, 0xc234b360U},
+    {0x40eac3dfU, 0xf64f9e16U, 0x02381a7fU},
+    {0x40a2beabU, 0xc280138bU, 0x40ac51d4U},
+};
+
+// the reference's commands for them, as bits, step by step
+static const uint32_t figure7_recorded_commands[24][figure7_noutput] = {
+    {0x16efa354U, 0xbf92c674U, 0x3f92c674U},
+    {0xbcc7240bU, 0xbf92c674U, 0x3f92c674U},
+    {0xbf866e4bU, 0xbf405301U, 0x3f80a56bU},
+    {0xbf879ae8U, 0xbf3fb0d8U, 0x3f82b5deU},
+    {0x3d991a69U, 0x94dc78f0U, 0xbc8efa35U},
+    {0x3e221ab7U, 0x3cc3203fU, 0x3cfdb84aU},
+    {0x3f879ae8U, 0x3f6343b5U, 0x3f45e080U},
+    {0x3f879ae8U, 0x3f5c53f9U, 0x3f3edd3dU},
+    {0x3f264e5eU, 0xb006e8a0U, 0x3c8efa34U},
+    {0x3f0e4ef0U, 0xbc9f002dU, 0xbb859c9eU},
+    {0xbf24a6afU, 0xbf1cd07dU, 0xbf04fe47U},
+    {0xbf1e3ff5U, 0xbf26ca56U, 0xbf110c04U},
+    {0x3e41a3b1U, 0xbf6e4b1aU, 0xbf23cf32U},
+    {0x3e264ab6U, 0xbf7e7d6bU, 0xbf104eeaU},
+    {0xbf879ae8U, 0xbf32202bU, 0xbf92c674U},
+    {0xbf879ae8U, 0xbf40030dU, 0xbf896a17U},
+    {0x3f34b51aU, 0xbf283195U, 0xbe4830b7U},
+    {0x3f1cba1aU, 0xbf244b0fU, 0xbe3b97acU},
+    {0xbc8efa35U, 0xbe0f3ae0U, 0x3f1900d4U},
+    {0xbddc4d60U, 0xbe69b757U, 0x3f268dd5U},
+    {0xbf879ae8U, 0x3d34f41fU, 0xbf38caa3U},
+    {0xbf879ae8U, 0x3e072db8U, 0xbf49d838U},
+    {0x3e031e1aU, 0xbf92c674U, 0x0019b4a9U},
+    {0x3db5c9a5U, 0xbf8f1009U, 0x3dc07b9eU},
+};
+
 static float figure7_float(uint32_t bits) {
   union {
     uint32_t u;
@@ -249,6 +317,26 @@ static int32_t figure7_clamp_check(void) {
          figure7_clamps(0x7fc00000U, neutral);
 }
 
+static int32_t figure7_command_check(void) {
+  figure7_state state;
+  float command[figure7_noutput];
+  int32_t step;
+  int32_t i;
+  figure7_init(&state);
+  for (step = 0; step < 24; step++) {
+    for (i = 0; i < figure7_noutput; i++) {
+      command[i] = figure7_float(figure7_recorded_values[step][i]);
+    }
+    figure7_command(&state, command, command);
+    for (i = 0; i < figure7_noutput; i++) {
+      if (!figure7_same(command[i], figure7_recorded_commands[step][i])) {
+        return 0;
+      }
+    }
+  }
+  return 1;
+}
+
 int32_t figure7_selftest(void) {
   figure7_state state;
   float inputs[figure7_ninput];
@@ -274,5 +362,8 @@ int32_t figure7_selftest(void) {
       }
     }
   }
-  return figure7_clamp_check() ? 0 : -4;
+  if (!figure7_clamp_check()) {
+    return -4;
+  }
+  return figure7_command_check() ? 0 : -6;
 }

@@ -2,9 +2,10 @@
 //
 //   controller  figure7
 //   program     a6d9474c72a6eebd7b376ef9cd21d0058ec9a4fbde67b184898cdf29c4450ee6
-//   generator   1
+//   generator   2
 //   period      0.02 s
-//   memory      4 bytes of state; 1152 bytes of constants, for the selftest only
+//   filter      none; slew limit none
+//   memory      4 bytes of state; 1728 bytes of constants, for the selftest only
 //   worst case  31 program operations a step, at most 39 float operations and comparisons
 //
 //   (list
@@ -15,9 +16,13 @@
 // C99 without libc, heap, globals, recursion and double. Once a period:
 //
 //   figure7_step(&state, inputs, outputs);
-//   figure7_clamp(outputs);
+//   figure7_command(&state, outputs, command);
+//   counts = zero + round(command * counts per rad), half to even, within the servo's limits
 //
 // after figure7_selftest() has returned 0 and figure7_init(&state) has been called, at start-up.
+//
+// Symbols are <name>_<function>, <name>_input_<terminal> and <name>_output_<joint>. No <name> holds _input
+// or _output, so those of two controllers never meet.
 
 #ifndef figure7_H_
 #define figure7_H_
@@ -25,8 +30,8 @@
 #include <stdint.h>
 
 // the source file compares these: a header and a source of different runs do not compile
-#define figure7_GENERATOR 1
-#define figure7_FINGERPRINT 0x9ca0ff71
+#define figure7_GENERATOR 2
+#define figure7_FINGERPRINT 0x09651344
 
 #ifdef __cplusplus
 extern "C" {
@@ -64,12 +69,17 @@ void figure7_init(figure7_state* state);
 // Evaluate one period: (inputs, state) => (outputs, state). The outputs are the program's own values.
 void figure7_step(figure7_state* state, const float inputs[figure7_ninput], float outputs[figure7_noutput]);
 
-// Make outputs fit to be commanded: a NaN becomes neutral, the rest is clamped to its limits.
+// Clamp outputs where they are, in their own units: a NaN becomes neutral, the rest keeps to its limits.
 void figure7_clamp(float outputs[figure7_noutput]);
+
+// Turn the program's own outputs into commands [rad, rad/s], once a period: clamp, convert, filter, limit
+// the rate. Both arrays may be the same.
+void figure7_command(figure7_state* state, const float outputs[figure7_noutput], float command[figure7_noutput]);
 
 // Check this build on this machine against the recorded answers of the reference. Returns 0: the same bits;
 // n > 0: step n of the recording differs; -1: subnormals are flushed to zero; -2: products are fused with
-// sums; -3: rounding is not to nearest even; -4: the clamp is wrong.
+// sums; -3: rounding is not to nearest even; -4: the clamp is wrong; -5: a copied function is wrong;
+// -6: the command is wrong.
 int32_t figure7_selftest(void);
 
 #ifdef __cplusplus
