@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from controller.controller import Controller
 from controller.registers import X330_BAUD, Register, registers
 from controller.rig import Joint, Rig
 from deploy.dynamixel_bus import DynamixelBus, decode
@@ -105,6 +106,30 @@ def check_sensors(rig: Rig, reader: SensorReader, needed: frozenset[int], now: f
     return findings
 
 
+def check_controller(rig: Rig, controller: Controller) -> list[Finding]:
+    """Warn of a controller whose goals may jump: only its own slew limit keeps them from it.
+
+    Args:
+        rig: the rig
+        controller: the controller
+    """
+    if controller.slew_rad_s > 0.0:
+        return []
+    joints = {joint.name: joint for joint in rig.joints}
+    jump = 0.0
+    for output in controller.outputs:
+        unit = math.pi / 180.0 if output.unit == "deg" else 1.0
+        joint = joints.get(output.name)
+        if joint is None:
+            continue  # packing the cycle refuses it
+        span = min(output.high * unit, joint.high_rad) - max(output.low * unit, joint.low_rad)
+        jump = max(jump, controller.filter * span)
+    text = (
+        f"controller {controller.name}: has no slew limit (slew_rad_s); its goals may jump by {jump:.2g} rad a period"
+    )
+    return [Finding("warning", text)]
+
+
 def _check_servo(bus: DynamixelBus, rig: Rig, joint: Joint) -> tuple[Reading, list[Finding]]:
     named = f"joint {joint.name} (servo {joint.id})"
     reply, model = bus.ping(joint.id)
@@ -124,7 +149,7 @@ def _check_servo(bus: DynamixelBus, rig: Rig, joint: Joint) -> tuple[Reading, li
         return Reading(joint, {}), [Finding("error", text)]
     values, missing = _read_table(bus, joint)
     if missing:
-        text = f"{named}: {missing} could not be read; check cables, ground and other masters on the bus"
+        text = f"{named}: {missing}; check cables, ground and other masters on the bus"
         return Reading(joint, values), [Finding("error", text)]
     findings = [Finding("error", f"{named}: {text}") for text in _settings(rig, joint, values)]
     findings += [Finding("error", f"{named}: {text}") for text in _state(rig, joint, values)]
@@ -137,7 +162,7 @@ def _check_servo(bus: DynamixelBus, rig: Rig, joint: Joint) -> tuple[Reading, li
 
 
 def _read_table(bus: DynamixelBus, joint: Joint) -> tuple[dict[str, int], str]:
-    """Read the whole table in two blocks; return its counts and, if a block failed, that block's name."""
+    """Read the whole table in two blocks; return its counts and, if a block failed, what is wrong."""
     table = [register for register in registers(joint.product).values() if register.address < 148]
     values: dict[str, int] = {}
     for block in (
@@ -150,7 +175,10 @@ def _read_table(bus: DynamixelBus, joint: Joint) -> tuple[dict[str, int], str]:
             if reply.status != "data":
                 reply = bus.read(joint.id, first, last - first)
         if reply.status != "data":
-            return values, f"the registers {first} to {last - 1}"
+            what = f"the registers {first} to {last - 1} could not be read"
+            if reply.status == "corrupt":  # a ping's answers are equal and pass for one
+                what += f", answers are corrupt: two servos may share id {joint.id}"
+            return values, what
         values |= _decode_block(block, first, reply.data)
     return values, ""
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from controller.errors import InputError
 from controller.rig import Rig
-from controller.rig_file import load_rig, parse_rig, rig_names
+from controller.rig_file import load_rig, rig_names
 from deploy.comparison import (
     Array,
     Comparison,
@@ -29,7 +29,7 @@ from deploy.comparison import (
 )
 from deploy.goal_replay import GoalWrites, SampleTimes, Start, replay_goals, tilt, to_start_frame
 from deploy.joint_counts import joint_angle, joint_count
-from deploy.log import Log, log_text, read_log
+from deploy.log import Log, log_rig, log_text, read_log
 
 _BITS_PER_BYTE: Final = 10
 _SYNC_READ, _SYNC_WRITE = 0x82, 0x83
@@ -52,13 +52,14 @@ def compare(log_path: str | Path) -> Comparison:
     log = read_log(log_path)
     if len(log.cycles) < 2:
         raise InputError(
-            f"{log_path}: holds {len(log.cycles)} periods of a controller (/cycle), and a comparison needs two; "
+            f"{log_path}: holds fewer than two periods of a controller (/cycle), which a comparison needs; "
             "give the log of a run that came to run"
         )
-    rig = _rig_as_run(log)
     try:
-        return _compare(log, rig)
-    except (KeyError, IndexError, TypeError) as error:
+        return _compare(log, _rig_as_run(log))
+    except InputError:
+        raise
+    except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{log_path}: a message lacks what docs/log.md promises ({type(error).__name__}: {error}); "
             "record the run again"
@@ -110,9 +111,8 @@ def _compare(log: Log, rig: Rig) -> Comparison:
 
 def _rig_as_run(log: Log) -> Rig:
     """Return the embedded rig with the torque ceiling that the run was allowed."""
-    name = str(log.meta.get("rig", ""))
-    beside = load_rig(name).path if name in rig_names() else log.path.with_name(f"{name}.rig.toml")
-    rig = parse_rig(log_text(log, "rig_text"), beside)
+    name = log.meta.get("rig")
+    rig = log_rig(log, load_rig(name).path.parent if name in rig_names() else None)
     derate = float(log.meta.get("derate", 1.0))
     joints = tuple(replace(joint, pwm_limit=round(joint.pwm_limit * derate)) for joint in rig.joints)
     return replace(rig, joints=joints)

@@ -13,7 +13,7 @@ from controller.controller import Controller
 from controller.errors import RunError
 from controller.native import NativeCycle, pack_cycle
 from controller.rig import Joint, Rig
-from deploy.checks import Finding, Reading, check_sensors, check_servos
+from deploy.checks import Finding, Reading, check_controller, check_sensors, check_servos
 from deploy.cycle_message import CycleStep, CycleWords
 from deploy.joint_counts import joint_angle, joint_count
 from deploy.log import RunLog
@@ -173,6 +173,7 @@ def _check(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
         clock.sleep_until(clock.now() + _LISTEN_STEP_S)
         periods.io.read_sensors()
     outcome.findings += check_sensors(rig, periods.io.reader, periods.needed, clock.now())
+    outcome.findings += check_controller(rig, periods.controller)
     outcome.pose = periods.io.sensor_values()
     for finding in outcome.findings:
         periods.event("finding", f"{finding.level}: {finding.text}")

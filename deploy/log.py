@@ -8,6 +8,7 @@ second at most.
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -20,11 +21,14 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from controller.errors import InputError, RunError
+from controller.rig import Rig
+from controller.rig_file import parse_rig
 from deploy.log_topics import FORMAT, TOPICS
 
 _FLUSH_S: Final = 1.0
 _CHUNK_BYTES: Final = 1 << 20
 _LIBRARY: Final = "servolve"
+_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 
 
 @dataclass(frozen=True)
@@ -211,3 +215,24 @@ def log_text(log: Log, field: str) -> str:
             f"{log.path}: /meta has no {field}, so the run cannot be replayed; record it with servolve deploy"
         )
     return text
+
+
+def log_rig(log: Log, folder: Path | None = None) -> Rig:
+    """Return the rig that the run's description embeds.
+
+    Args:
+        log: the log
+        folder: where the rig's body may stand; None: beside the log
+
+    Raises:
+        InputError: if it is no rig
+        RunError: if it is missing
+    """
+    name = log.meta.get("rig")
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise InputError(f"{log.path}: /meta names a rig {name!r}, which can be no rig's name; record the run again")
+    text = log_text(log, "rig_text")
+    try:
+        return parse_rig(text, (folder or log.path.parent) / f"{name}.rig.toml")
+    except InputError as error:
+        raise InputError(f"{log.path}: /meta rig_text: {error}") from None

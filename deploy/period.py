@@ -118,6 +118,7 @@ class Periods:
     def __init__(self, link: Connection, rig: Rig, controller: Controller, record: RunRecord) -> None:
         self.link = link
         self.rig = rig
+        self.controller = controller
         self.record = record
         self.clock = link.clock
         self.origin = link.clock.now()
@@ -303,10 +304,10 @@ class Periods:
 
     def _tilt(self, ages: Sequence[float]) -> str | None:
         rig = self.rig
-        values = self.io.sensor_values()
         number = {sensor.name: number for number, sensor in enumerate(rig.sensors)}
         if not {"roll", "pitch"} <= number.keys():
             return None
         if any(ages[number[name]] > rig.sensors[number[name]].age_s_max for name in ("roll", "pitch")):
             return None  # an old pose says nothing about now
+        values = self.io.sensor_values()
         return judge_tilt(rig, self.watch, values["roll"], values["pitch"])

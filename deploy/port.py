@@ -10,7 +10,9 @@ descheduled does not lose a reply that has long arrived.
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import select
 import socket
 import time
@@ -29,6 +31,7 @@ Tap: TypeAlias = Callable[[Direction, float, bytes], None]
 """Called with each frame sent, all that a transaction read, all that nobody asked for, and the time of it [s]."""
 
 BITS_PER_BYTE: Final = 10
+_SOCKET: Final = re.compile(r"socket://[^:/?#]+:\d{1,5}/?")
 _CHUNK: Final = 4096
 _WRITE_TIMEOUT_S: Final = 0.25
 _PROCESS_LATENCY_S: Final = 0.015
@@ -54,6 +57,8 @@ def open_serial(path: str, baud: int) -> serial.SerialBase:
     Raises:
         InputError: if it can not be opened
     """
+    if path.startswith("socket://") and not _SOCKET.fullmatch(path):
+        raise InputError(f"{path}: cannot be opened; write socket://HOST:PORT, as socket://localhost:4000")
     try:
         port: serial.SerialBase = serial.serial_for_url(path, baudrate=baud, timeout=0, write_timeout=_WRITE_TIMEOUT_S)
         if "://" in path:
@@ -62,10 +67,23 @@ def open_serial(path: str, baud: int) -> serial.SerialBase:
                 same.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return port
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error).split(": ")[-1]
         raise InputError(
-            f"{path}: cannot be opened as a serial port ({reason}); check the path and the cable"
+            f"{path}: cannot be opened as a serial port ({_reason(error)}); check the path and the cable"
         ) from None
+
+
+def _reason(error: Exception) -> str:
+    """Return what the operating system says, which pyserial and termios wrap each in its own way."""
+    numbers = [
+        error.errno if isinstance(error, OSError) else None,
+        *error.args[:1],
+        getattr(error, "__context__", None),
+    ]
+    numbers += [number.args[0] for number in numbers if isinstance(number, Exception) and number.args]
+    known = next((number for number in numbers if isinstance(number, int) and number in errno.errorcode), None)
+    if known is not None:
+        return os.strerror(known)
+    return re.sub(r"^\[Errno -?\d+\] ", "", str(error).split(": ")[-1])
 
 
 def usb_latency_s(path: str) -> float | None:

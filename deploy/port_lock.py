@@ -15,7 +15,7 @@ class PortLock:
     """Hold an advisory lock (``flock``) on a port until closed; it ends with the process in any case.
 
     Args:
-        path: device path, or a ``socket://HOST:PORT``, for which a file in the temporary folder stands in
+        path: device path, or a ``socket://HOST:PORT``, for which a file of this user stands in
 
     Raises:
         InputError: if the port does not exist or another program holds it
@@ -25,8 +25,8 @@ class PortLock:
         self._descriptor = -1
         try:
             if "://" in path:
-                stand_in = Path(tempfile.gettempdir()) / f"servolve-{re.sub(r'[^A-Za-z0-9.]+', '_', path)}.lock"
-                self._descriptor = os.open(stand_in, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+                stand_in = _own_folder() / f"{re.sub(r'[^A-Za-z0-9.]+', '_', path)}.lock"
+                self._descriptor = os.open(stand_in, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
             else:
                 self._descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         except OSError as error:
@@ -52,3 +52,10 @@ class PortLock:
     def __exit__(self, *_: object) -> None:
         """Release the lock."""
         self.close()
+
+
+def _own_folder() -> Path:
+    """Return a folder of this user alone, made if need be."""
+    folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"servolve-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    return folder

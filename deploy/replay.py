@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from controller import Controller, Rig, parse_controller, parse_rig
+from controller import Controller, Rig, parse_controller
 from controller.errors import InputError
 from controller.native import pack_cycle
 from deploy.cycle_message import CycleWords
-from deploy.log import Log, log_text, read_log
+from deploy.log import Log, log_rig, log_text, read_log
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def replay(path: str | Path) -> Replay:
         InputError: if it is not such a log, or holds no control period
     """
     log = read_log(path)
-    rig = parse_rig(log_text(log, "rig_text"), Path(path).with_name(f"{log.meta.get('rig')}.rig.toml"))
+    rig = log_rig(log)
     controller = parse_controller(log_text(log, "controller_text"), f"{path}: /meta controller_text")
     if not log.cycles:
         raise InputError(f"{path}: holds no control period (/cycle); give the log of a run that came to run")

@@ -135,11 +135,12 @@ class RigIO:
         return [int(count) for count in self.raw[njoint : 2 * njoint]]
 
     def sensor_values(self) -> Mapping[str, float]:
-        """Return every sensor's newest value in SI, by name."""
+        """Return the newest value in SI of every sensor that has sent one, by name."""
         first = 3 * len(self.rig.joints)
         return {
             sensor.name: (int(self.raw[first + number]) - sensor.zero) * sensor.scale
             for number, sensor in enumerate(self.rig.sensors)
+            if self.reader.raw(number) is not None
         }
 
 

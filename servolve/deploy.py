@@ -6,7 +6,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -18,6 +18,7 @@ from rich.table import Table
 
 from controller import Controller, Rig, controller_text, load_controller, load_rig
 from controller.errors import InputError, RunError
+from deploy.checks import Finding, check_controller
 from deploy.connection import connect_ports, connect_virtual
 from deploy.host_loop import Outcome, RunOptions, run_controller
 from deploy.log import RunLog
@@ -88,6 +89,8 @@ def deploy(
         raise InputError(f"--seed {seed}: is negative; give a whole number from 0")
     if seconds is None:
         seconds = float(program.provenance.get("time_limit_s", SECONDS))
+    if seconds < about.period_s:
+        raise InputError(f"--seconds {seconds:g}: is less than a control period of {about.period_s:g} s; give more")
     other = _load_twin(twin)
     options = RunOptions(goal, 0.0, seconds, arm or virtual, derate)
     console = Console(stderr=True)
@@ -104,12 +107,15 @@ def deploy(
             for refused in stack.enter_context(realtime()):
                 console.print(f"servolve: warning: {refused}", highlight=False)
 
+        known = check_controller(about, program)
+        _warn(console, known)
         announcer = None if virtual else stack.enter_context(Announcer(console, about.name))
         outcome = run_controller(link, about, program, options, record, announcer)
         seen = link.witness.verdict(goal, 0.0) if link.witness else {}
     told = {"controller": program.name, "rig": about.name, "port": port} | summary(outcome, options, seen)
     told["log"] = None if log is None else str(log)
-    _tell(console, outcome, told, json_, options.arm)
+    _warn(console, _not_told(outcome, known))
+    _tell(console, about, outcome, told, json_, options.arm)
     if outcome.done and not outcome.faulty:
         return 0
     unsure = unsure_sentence(outcome.unsure) if outcome.unsure else outcome.reason
@@ -198,17 +204,27 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _tell(console: Console, outcome: Outcome, told: Mapping[str, Any], as_json: bool, armed: bool) -> None:
-    for finding in outcome.findings:
-        if finding.level == "warning":
-            console.print(f"servolve: warning: {finding.text}", highlight=False, soft_wrap=True)
+def _not_told(outcome: Outcome, known: Sequence[Finding]) -> list[Finding]:
+    """Return the findings that nothing else says: those known before are told, the first error is how the run ended."""
+    first = next((finding for finding in outcome.findings if finding.level == "error"), None)
+    return [finding for finding in outcome.findings if finding is not first and finding not in known]
+
+
+def _warn(console: Console, findings: Sequence[Finding]) -> None:
+    for finding in findings:
+        console.print(f"servolve: {finding.level}: {finding.text}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _tell(console: Console, rig: Rig, outcome: Outcome, told: Mapping[str, Any], as_json: bool, armed: bool) -> None:
     if as_json:
         print(json.dumps(told))
         return
     if not armed:
         console.print(_readings(outcome))
-        for name, value in outcome.pose.items():
-            console.print(f"sensor {name}: {value:.4g}", highlight=False)
+        for sensor in rig.sensors:
+            value = outcome.pose.get(sensor.name)
+            shown = "-" if value is None else f"{value:.4g}"
+            console.print(f"sensor {sensor.name}: {shown}", highlight=False)
         if outcome.done:
             console.print(outcome.reason, highlight=False)
     elif outcome.cycles:

@@ -17,6 +17,7 @@ program = "(list (* 8 (osc-wave 1 0)) (* 5 (osc-wave 1 0.25)) 0)"
 [controller]
 name = "nod"
 period_s = 0.02
+slew_rad_s = 5.0
 [provenance]
 time_limit_s = 0.5
 [[input]]
@@ -103,6 +104,10 @@ def test_a_twin_moves_otherwise(deploy, tmp_path):
         (("--goal", "1e9"), "--goal 1e+09: is no distance in reach"),
         (("--goal", "nan"), "--goal nan: is no distance in reach"),
         (("--seconds", "0"), "--seconds 0: is not between"),
+        (("--seconds", "0.001"), "--seconds 0.001: is less than a control period of 0.02 s"),
+        (("--port", "socket://localhost", "--sensor-port", "x"), "write socket://HOST:PORT"),
+        (("--port", "socket://127.0.0.1:1", "--sensor-port", "x"), "serial port (Connection refused); check"),
+        (("--port", "/dev/null", "--sensor-port", "x"), "serial port (Inappropriate ioctl for device); check"),
         (("--seconds", "nan"), "--seconds nan: is not between"),
         (("--derate", "0"), "--derate 0: is not above 0"),
         (("--derate", "1.5"), "--derate 1.5: is not above 0"),
@@ -124,6 +129,25 @@ def test_wrong_arguments_are_one_sentence_and_status_2(deploy, arguments, senten
     status, out, err = deploy(*arguments)
     assert (status, out) == (2, "")
     assert sentence in err and err.count("\n") == 1 and "Traceback" not in err
+
+
+def test_a_controller_without_a_slew_limit_is_warned_of(deploy, tmp_path):
+    path = tmp_path / "quick.controller.toml"
+    path.write_text(CONTROLLER.replace("slew_rad_s = 5.0\n", "filter = 0.5\n"))
+    status, out, err = deploy("--json", controller=str(path))
+    text = "controller nod: has no slew limit (slew_rad_s); its goals may jump by 1 rad a period"
+    assert status == 0 and json.loads(out)["findings"] == [text]  # half of -60 to 60 degrees
+    assert err.splitlines() == [f"servolve: warning: {text}"]
+
+
+def test_every_finding_is_told(deploy):
+    status, _, err = deploy("--fault", "dead=2", "--fault", "dead=3", "--fault", "sensor-dead=F")
+    assert status == 1
+    lines = err.splitlines()
+    assert [line for line in lines if line.startswith("servolve: error: joint a2 (servo 3): does not answer")]
+    assert [line for line in lines if line.startswith("servolve: warning: sensor force: $F lines should come")]
+    assert lines[-1].startswith("servolve: joint a1 (servo 2): does not answer")
+    assert lines[-1].endswith("(and 1 more findings)")
 
 
 def test_servos_can_be_driven_without_mujoco():

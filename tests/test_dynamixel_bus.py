@@ -12,6 +12,7 @@ from controller.errors import InputError
 from deploy.connection import connect_virtual
 from deploy.dynamixel_bus import BusError, DynamixelBus, decode, encode
 from deploy.port import PortLostError, SerialPort
+from deploy.port_lock import PortLock
 from deploy.virtual import dynamixel2 as dxl
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.pty_line import PtyLine
@@ -305,6 +306,16 @@ def test_a_port_is_locked_while_in_use():
             SerialPort(line.path, BAUD)
         port.closePort()
         SerialPort(line.path, BAUD).closePort()
+
+
+def test_a_socket_is_locked_by_a_file_of_this_user_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with PortLock("socket://localhost:4000"):
+        with pytest.raises(InputError, match="in use by another program"):
+            PortLock("socket://localhost:4000")
+        (folder,) = tmp_path.iterdir()
+        assert folder.stat().st_mode & 0o077 == 0 and len(list(folder.iterdir())) == 1
+    PortLock("socket://localhost:4000").close()
 
 
 def test_a_port_that_is_not_there_is_one_sentence(tmp_path):

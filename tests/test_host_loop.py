@@ -17,6 +17,7 @@ from deploy.joint_counts import count_limits, joint_count
 from deploy.log import RunLog, read_log
 from deploy.sensor_reader import checksum
 from deploy.states import WAYS, State, StateMachine
+from deploy.summary import summary
 from deploy.torque import hold
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.rig import VirtualRig
@@ -296,6 +297,20 @@ def test_a_joint_outside_its_limits_is_refused(bench):
     on.rig = replace(RIG, joints=joints)  # the rig file's zero is wrong, the servo stands at its own
     outcome = on.run()
     assert outcome.faulty and "outside its limits" in outcome.reason
+
+
+def test_two_servos_with_one_id_are_suspected(bench):
+    on = bench()
+    on.virtual.servos[1].id = 1
+    outcome = on.run()
+    assert outcome.faulty and "two servos may share id 1" in outcome.reason
+
+
+def test_what_no_sensor_has_sent_is_no_value(bench):
+    on = bench("sensor-dead=P")
+    outcome = on.run(arm=False)
+    assert outcome.pose.keys() == {"force"}
+    assert summary(outcome, RunOptions(0.4, 0.0, 1.0, False, 1.0), {})["final_tilt_rad"] is None
 
 
 # glitches ride through

@@ -279,3 +279,27 @@ def test_a_log_that_can_not_be_replayed_is_one_sentence(log, tmp_path, capsys, c
     assert main(["replay", str(changed)]) in (1, 2)
     told = capsys.readouterr().err
     assert sentence in told and told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("goal_dist", "x"),
+        ("goal_dist", None),
+        ("rig", "../../../etc/passwd"),
+        ("rig", ""),
+        ("rig", None),
+        ("rig_text", "x="),
+        ("controller_text", "x="),
+    ],
+)
+def test_a_description_that_was_changed_is_one_sentence(log, capsys, field, value):
+    changed = rewrite(
+        log,
+        log.with_name("meta.mcap"),
+        lambda topic, _, message: message | ({field: value} if topic == "/meta" else {}),
+    )
+    for command in ("replay", "compare") if field != "controller_text" else ("replay",):
+        assert main([command, str(changed)]) == 2
+        told = capsys.readouterr()
+        assert told.err.count("\n") == 1 and "Traceback" not in told.err and "meta.mcap" in told.err
