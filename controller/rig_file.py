@@ -9,6 +9,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Final, Literal, cast
 
+import numpy as np
+
+from controller.cycle import COUNT_MAX
 from controller.errors import InputError
 from controller.operations import BY_NAME
 from controller.products import PRODUCTS
@@ -282,8 +285,9 @@ def _sensor(table: Table) -> Sensor:
     if SENSOR_UNITS.get(name, unit) != unit:
         table.fail("unit", f"unit '{unit}' does not fit a sensor named {name}; write \"{SENSOR_UNITS[name]}\"")
     scale = table.number("scale")
-    if scale == 0.0:
-        table.fail("scale", "scale 0 makes every reading 0; write the SI value of one count")
+    with np.errstate(over="ignore"):
+        if not 0.0 < abs(np.float32(scale)) < math.inf:
+            table.fail("scale", f"scale {scale:g} is 0 or infinite as a float32; write the SI value of one count")
     rate_hz = table.positive("rate_hz", 10000.0)
     age_s_max = table.positive("age_s_max")
     if age_s_max < 1.0 / rate_hz:
@@ -296,7 +300,7 @@ def _sensor(table: Table) -> Sensor:
         field=table.integer("field", 0, 31),
         unit=unit,
         scale=scale,
-        zero=table.integer("zero", -(2**31), 2**31 - 1),
+        zero=table.integer("zero", 1 - COUNT_MAX, COUNT_MAX - 1),
         rate_hz=rate_hz,
         latency_s=table.number("latency_s", 0.0, 1.0),
         age_s_max=age_s_max,

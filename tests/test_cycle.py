@@ -314,6 +314,7 @@ def test_what_does_not_fit_the_rig_is_refused(rig, change, what):
         {"terminals": {"scale": 0.0}},
         {"terminals": {"scale": math.nan}},
         {"terminals": {"zero": 2**31 - 1}},
+        {"terminals": {"zero": -(2**30)}},
         {"x": {"channel": 16}},
         {"heading": {"kind": TerminalKind.TIME}},
         {"outputs": {"low": 51.0}},

@@ -35,19 +35,22 @@ static int32_t sv_round(float x) {
 
 static int32_t sv_is_finite(float x) { return x - x == 0.0F; }
 
+// a saturated count minus or plus it must stay in 32 bits
+static int32_t sv_is_zero_count(int32_t zero) { return zero > -SV_COUNT_MAX && zero < SV_COUNT_MAX; }
+
 static int32_t sv_verify_terminal(const sv_terminal* terminal, int32_t nraw) {
   if (terminal->kind != SV_TERMINAL_RAW) {
     return terminal->kind >= SV_TERMINAL_TIME && terminal->kind <= SV_TERMINAL_HEADING_ERROR;
   }
-  return terminal->channel < nraw && terminal->zero >= -SV_COUNT_MAX && terminal->zero <= SV_COUNT_MAX &&
-         sv_is_finite(terminal->scale) && terminal->scale != 0.0F;
+  return terminal->channel < nraw && sv_is_zero_count(terminal->zero) && sv_is_finite(terminal->scale) &&
+         terminal->scale != 0.0F;
 }
 
 static int32_t sv_verify_output(const sv_output* output) {
   return (output->kind == SV_OUTPUT_POSITION || output->kind == SV_OUTPUT_VELOCITY) && sv_is_finite(output->low) &&
          sv_is_finite(output->high) && output->low <= output->neutral && output->neutral <= output->high &&
-         sv_is_finite(output->unit_scale) && sv_is_finite(output->count_scale) && output->zero >= -SV_COUNT_MAX &&
-         output->zero <= SV_COUNT_MAX && output->count_low <= output->count_high;
+         sv_is_finite(output->unit_scale) && sv_is_finite(output->count_scale) && sv_is_zero_count(output->zero) &&
+         output->count_low <= output->count_high;
 }
 
 int32_t sv_cycle_verify(const sv_cycle* cycle) {
