@@ -22,6 +22,8 @@ BEST: Final = "best.controller.toml"
 """The controller of a run folder."""
 
 _FLOAT_MAX: Final = 3.4028234663852886e38
+_LIMIT_MAX: Final = 1e6
+"""Of outputs: what the filter and the slew limit subtract stays far below infinity."""
 _OUTPUT_UNITS: Final = {"position": ("deg", "rad"), "velocity": ("deg/s", "rad/s")}
 _PROGRAM: Final = re.compile(r"""^[ \t]*["']?program["']?[ \t]*=[ \t]*(\"\"\"\n?|'''\n?|"|')""", re.MULTILINE)
 _HEX: Final = re.compile(r"0x[0-9a-f]{8}")
@@ -84,7 +86,8 @@ def _controller(top: Table) -> Controller:
     if len(source.outputs) != len(outputs):
         top.fail(
             "program",
-            f"the program's list has {len(source.outputs)} expressions, but there are {len(outputs)} [[output]]; "
+            f"the program's list has {len(source.outputs)} expression{'s' * (len(source.outputs) != 1)}, but there "
+            f"{'is' if len(outputs) == 1 else 'are'} {len(outputs)} [[output]]; "
             "write one [[output]] for each expression",
         )
     try:
@@ -138,7 +141,7 @@ def _output(table: Table) -> Output:
     table.refuse_unknown(("name", "kind", "unit", "low", "high", "neutral"))
     kind = cast(Literal["position", "velocity"], table.text_value("kind", _OUTPUT_UNITS))
     unit = cast(Literal["deg", "rad", "deg/s", "rad/s"], table.text_value("unit", _OUTPUT_UNITS[kind]))
-    low, high = table.number("low", -_FLOAT_MAX, _FLOAT_MAX), table.number("high", -_FLOAT_MAX, _FLOAT_MAX)
+    low, high = table.number("low", -_LIMIT_MAX, _LIMIT_MAX), table.number("high", -_LIMIT_MAX, _LIMIT_MAX)
     if low > high:
         table.fail("low", f"low {low:g} is above high {high:g}; exchange or correct them")
     neutral = table.number("neutral")

@@ -11,9 +11,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
+import numpy as np
+
+from controller.decimals import parse_decimal
 from controller.errors import InputError
 
 BYTES_MAX: Final = 1 << 20
+_KEY_PARTS_MAX: Final = 256
+# reading takes time in proportion to the square of the parts
+_DOTTED_KEY: Final = re.compile(
+    rf"""(?<![\w-])(?:(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{_KEY_PARTS_MAX}}}"""
+)
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,63}")
 
 
@@ -103,7 +111,7 @@ class Table:
         if not NAME.fullmatch(value):
             self.fail(
                 key,
-                f"{key} {value!r} can not be a name; use a letter, then up to 63 letters, digits or any of _ . -",
+                f"{key} {value!r} can not be a name; use a letter or _, then up to 63 letters, digits or any of _ . -",
             )
         return value
 
@@ -145,10 +153,7 @@ class Table:
         value = self._required(key, "a number")
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.fail(key, f"{key} is {_kind(value)}; write a number")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.inf
+        number = _round_once(str(value)) if isinstance(value, int) else value
         if not math.isfinite(number):
             self.fail(key, f"{key} is not finite; write a finite number")
         if not low <= number <= high:
@@ -277,8 +282,14 @@ def parse_toml(text: str, origin: str, kind: str, *, format_required: bool = Tru
     Raises:
         InputError: it is no TOML, or is of another format
     """
+    if text.startswith("\ufeff"):
+        raise InputError(f"{origin}, line 1: begins with a byte-order mark; save the {kind} as UTF-8 without one")
+    dotted = _DOTTED_KEY.search(text)
+    if dotted:
+        line = text.count("\n", 0, dotted.start()) + 1
+        raise InputError(f"{origin}, line {line}: a key has more than {_KEY_PARTS_MAX} parts; write a flat {kind}")
     try:
-        values = tomllib.loads(text)
+        values = tomllib.loads(text, parse_float=_round_once)
     except tomllib.TOMLDecodeError as error:
         reason, _, place = str(error).rpartition(" (at ")
         place = place.rstrip(")")
@@ -299,6 +310,18 @@ def parse_toml(text: str, origin: str, kind: str, *, format_required: bool = Tru
     if isinstance(version, bool) or version != 1:
         top.fail("format", f"format {version!r} is not known; this version reads `format = 1`")
     return top
+
+
+def _round_once(text: str) -> float:
+    """Read a number so that rounding it to binary32 gives the float32 nearest to the text, as in program texts."""
+    value = float(text)
+    try:
+        nearest = float(parse_decimal(text.replace("_", "")))
+        # rounded to double first, a number close to half-way between two floats may fall to the wrong side
+        return value if float(np.float32(value)) == nearest else nearest
+    except (ValueError, OverflowError):
+        # nan, inf, or beyond binary32, which those who use it refuse where it matters
+        return value
 
 
 def _suggest(word: str, known: Iterable[str]) -> str:

@@ -114,7 +114,7 @@ plain = st.one_of(
 @given(st.data())
 def test_saved_controllers_load_back_the_same(programs, data):
     source = data.draw(programs.sources())
-    limits = st.tuples(*[st.floats(-1e30, 1e30)] * 3).map(sorted)
+    limits = st.tuples(*[st.floats(-1e6, 1e6)] * 3).map(sorted)
     outputs = []
     for i in range(len(source.outputs)):
         low, neutral, high = data.draw(limits)
@@ -169,7 +169,7 @@ WRONG = {
         "line 3, column 5007",
         "nested more than 1000 deep",
     ),
-    "one output missing": ("(ifltz px a0 -2)", "", "line 2", "has 1 expressions, but there are 2 [[output]]"),
+    "one output missing": ("(ifltz px a0 -2)", "", "line 2", "has 1 expression, but there are 2 [[output]]"),
     "too many expressions": ("-2))", "-2) 1)", "line 2", "has 3 expressions"),
     "duplicate input": ('name = "px"', 'name = "a0"', "line 18: input 2 (a0)", "used twice"),
     "duplicate output": ('name = "a1"', 'name = "a0"', "line 32: output 2 (a0)", "used twice"),
@@ -283,3 +283,48 @@ def test_places_count_in_the_file(written, place):
     text = re.sub(r'program = """.*?"""', lambda _: written, GOOD, count=1, flags=re.DOTALL)
     with pytest.raises(InputError, match=f"^x.toml, {place}unknown terminal 'q'"):
         parse_controller(text, "x.toml")
+
+
+@pytest.mark.parametrize("limit", ["1e38", "1000001", "1.0000001e6"])
+def test_limits_stay_far_below_infinity(limit):
+    with pytest.raises(InputError, match=r"high .* is out of range; write a number from -1e\+06 to 1e\+06"):
+        parse_controller(GOOD.replace("high = 60", f"high = {limit}"), "x")
+    parse_controller(GOOD.replace("high = 60", "high = 1e6"), "x")
+
+
+def test_numbers_of_the_file_are_rounded_once():
+    # just above half-way between 1 and the next float; rounded to double first, it falls on half-way, and to 1
+    above = "1.0000000596046447753906250000000001"
+    for text in (above, above.replace("0000059", "000_0059")):
+        controller = parse_controller(GOOD.replace("high = 60", f"high = {text}"), "x")
+        assert np.float32(controller.outputs[0].high) == np.float32(1.0000001)
+    assert parse_controller(GOOD, "x").period_s == 0.02
+    big = parse_controller(GOOD.replace("high = 1.1", f"high = {2**60 + 2**36 + 1}"), "x")
+    assert np.float32(big.inputs[0].high) == np.float32(2.0**60 + 2.0**37)
+
+
+def test_a_byte_order_mark_is_named():
+    with pytest.raises(InputError, match="x, line 1: begins with a byte-order mark; save"):
+        parse_controller("\ufeff" + GOOD, "x")
+
+
+@pytest.mark.parametrize("text", ["a." * 300_000 + "a = 1", "[" + "'b' . " * 100_000 + "c]", "x = {" + "a." * 200_000])
+def test_a_key_of_many_parts_is_refused_first(text):
+    with pytest.raises(InputError, match="x, line 2: a key has more than 256 parts; write a flat controller file"):
+        parse_controller("format = 1\n" + text, "x")
+
+
+def test_counts_agree_with_their_nouns():
+    with pytest.raises(InputError, match=r"has 1 expression, but there are 2 \[\[output\]\];"):
+        parse_controller(re.sub(r"\(list.*?\n\"\"\"", '(list a0)\n"""', GOOD, flags=re.DOTALL), "x")
+    with pytest.raises(InputError, match=r"has 2 expressions, but there is 1 \[\[output\]\];"):
+        parse_controller(GOOD[: GOOD.rindex("[[output]]")], "x")
+
+
+def test_both_rules_of_names_are_one():
+    with pytest.raises(InputError) as wrong_key:
+        parse_controller(GOOD.replace('name = "lamp"', 'name = "1lamp"'), "x")
+    with pytest.raises(InputError) as wrong_name:
+        parse("(let ((1a 1)) (list a))", ["a"])
+    rule = "use a letter or _, then up to 63 letters, digits or any of _ . -"
+    assert rule in str(wrong_key.value) and rule in str(wrong_name.value)
