@@ -115,7 +115,7 @@ def read_inputs(path: Path, names: Sequence[str]) -> Floats:
     rows = [(number, [cell.strip() for cell in line.split(",")]) for number, line in enumerate(lines, start=1)]
     rows = [(number, cells) for number, cells in rows if cells != [""]]
     order = list(range(len(names)))
-    if rows and (set(rows[0][1]) == set(names) or not all(_parse_cell(cell) is not None for cell in rows[0][1])):
+    if rows and _is_header(rows[0][1], names):
         order = _header(path, rows[0][0], rows[0][1], names)
         del rows[0]
     if not names:
@@ -153,6 +153,12 @@ def _read_text(path: Path) -> str:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(f"{path}: can not be read ({reason}); name a readable CSV file") from None
+
+
+def _is_header(cells: Sequence[str], names: Sequence[str]) -> bool:
+    """Return whether a first row names terminals: some cell does and is no number (or all do), or none is a number."""
+    words = [cell.strip('"') for cell in cells if _parse_cell(cell) is None]
+    return set(cells) == set(names) or len(words) == len(cells) or any(word in names for word in words)
 
 
 def _header(path: Path, line: int, cells: Sequence[str], names: Sequence[str]) -> list[int]:

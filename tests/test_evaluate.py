@@ -128,6 +128,10 @@ def test_a_controller_without_terminals_takes_empty_rows(tmp_path, capsys):
         ("1,2\n1,\n", "line 2, column 2 (b): ", "'' is no float32"),
         ("1,2\n1,0x1234\n", "line 2, column 2 (b): ", "no float32"),
         ("1,2\n1,1e39\n", "line 2, column 2 (b): ", "no float32"),
+        ("1,x\n1,2\n", "line 1, column 2 (b): ", "'x' is no float32"),
+        ("1,\n", "line 1, column 2 (b): ", "'' is no float32"),
+        ("1\n", "line 1: ", "has 1 cells; write 2: a,b"),
+        ("a,1\n1,2\n", "line 1, column 2: ", "'1' is no terminal"),
         (b"a,b\n1,\xff\n", "", "not UTF-8 text"),
     ],
 )
