@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Final
 
 import numpy as np
@@ -23,6 +23,8 @@ from firmware_gen.generate import Transpiled, transpile
 BASE_FLAGS: Final = ("-std=c99", "-shared", "-fPIC")
 
 COMPILE_SECONDS_MAX: Final = 600.0
+
+_PACKAGES: Final = MappingProxyType({"cc": "gcc", "arm-none-eabi-gcc": "gcc-arm-none-eabi"})
 
 
 class CompiledController:
@@ -180,11 +182,25 @@ def run_compiler(command: Sequence[str], folder: Path) -> None:
 
     Raises:
         InputError: there is no such compiler
-        RunError: it reports an error
+        RunError: it reports an error, or takes too long
     """
     if shutil.which(command[0]) is None:
-        raise InputError(f"there is no compiler '{command[0]}'; install one, as with: apt-get install {command[0]}")
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=COMPILE_SECONDS_MAX)
+        package = _PACKAGES.get(command[0], command[0])
+        raise InputError(f"there is no compiler '{command[0]}'; install one, as with: apt-get install {package}")
+    try:
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+            timeout=COMPILE_SECONDS_MAX,
+        )
+    except subprocess.TimeoutExpired:
+        raise RunError(
+            f"{' '.join(command[:4])} … took more than {COMPILE_SECONDS_MAX:g} s; simplify the controller"
+        ) from None
     if done.returncode != 0:
         first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip()[:200])
         raise RunError(f"{' '.join(command[:4])} … failed: {first}")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from controller.errors import InputError
 from firmware_gen.compiled import run_compiler
 from firmware_gen.generate import Transpiled
 from firmware_gen.unit import Unit
@@ -89,7 +90,7 @@ def measure_sizes(transpiled: Transpiled, target: Target) -> Sizes | None:
         run_compiler([*command, "-fstack-usage"], folder)
         symbols = _output([target.size, "-S", "controller.o"], folder)
         version = _output([target.compiler, "--version"], folder).splitlines()[0]
-        stacks = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.su"))
+        stacks = "".join(path.read_text(encoding="utf-8", errors="replace") for path in folder.glob("*.su"))
     kinds: dict[str, dict[str, int]] = {"t": {}, "r": {}, "d": {}}
     for size, kind, symbol in _SYMBOL.findall(symbols):
         group = {"t": "t", "r": "r"}.get(kind.lower(), "d")
@@ -145,15 +146,20 @@ def write_report(transpiled: Transpiled) -> Path:
         its path
 
     Raises:
+        InputError: it can not be written
         RunError: the files do not compile
     """
     path = transpiled.source.with_suffix(".report.md")
-    path.write_text(report_text(transpiled), encoding="utf-8", newline="\n")
+    text = report_text(transpiled)
+    try:
+        path.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise InputError(f"{error.filename}: {error.strerror}; choose a folder that can be written") from None
     return path
 
 
 def _output(command: list[str], folder: Path) -> str:
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", check=True).stdout
 
 
 def _worst_case(unit: Unit) -> str:

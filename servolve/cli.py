@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import sys
@@ -56,6 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
         status = _app(summaries=arguments[:1] in ([], ["--help"], ["-h"]))(arguments)
+        sys.stdout.flush()
     except CycloptsError as error:
         return _fail(2, _usage_sentence(error))
     except InputError as error:
@@ -70,10 +72,20 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         return _fail(2, f"this command needs {missing}; install it with: pip install 'servolve[{_EXTRAS[missing]}]'")
     except BrokenPipeError:
-        # the reader of a pipe has gone; keep the interpreter from flushing into it at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # the reader of a pipe has gone
+        _drop_output()
         return 1
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG) or error.filename is not None:
+            raise
+        _drop_output()
+        return _fail(1, f"the output can not be written ({error.strerror}); make room, or write it elsewhere")
     return status if isinstance(status, int) else 0
+
+
+def _drop_output() -> None:
+    """Keep the interpreter from flushing at exit into an output that takes nothing."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(status: int, sentence: str) -> int:

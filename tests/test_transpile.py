@@ -548,6 +548,12 @@ def test_a_missing_compiler_is_named():
         compile_controller(SHAPES["no_operation"], compiler="no-such-cc")
 
 
+def test_the_package_of_the_compiler_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(InputError, match=r"install one, as with: apt-get install gcc$"):
+        compile_controller(SHAPES["no_operation"])
+
+
 def test_a_compiler_error_is_one_sentence():
     with pytest.raises(RunError, match=r"failed: .*IEEE-754"):
         compile_controller(SHAPES["no_operation"], flags=("-ffast-math",))

@@ -3,10 +3,14 @@
 import json
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from controller.errors import RunError
+from firmware_gen import compiled
 from servolve.cli import main
 
 FIGURE7 = Path(__file__).parent / "golden" / "figure7.controller.toml"
@@ -81,7 +85,7 @@ def test_bad_input_is_one_sentence(arguments, status, sentence, tmp_path, capsys
 
 def test_a_folder_that_can_not_be_made_is_named(tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path / "file")]) == 1
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path / "file")]) == 2
     assert f"{tmp_path / 'file'}" in capsys.readouterr().err
 
 
@@ -91,3 +95,39 @@ def test_without_any_compiler_check_says_what_to_install(tmp_path, capsys, monke
     assert "install one: apt-get install gcc" in capsys.readouterr().err
     report = (tmp_path / "c" / "figure7.report.md").read_text()
     assert "Not measured: there is no cc here." in report
+
+
+def test_a_report_that_can_not_be_written_is_one_sentence(tmp_path, capsys):
+    (tmp_path / "figure7.report.md").mkdir()
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert "figure7.report.md: Is a directory; choose" in error and error.count("\n") == 1
+
+
+def test_a_folder_whose_name_is_no_utf_8_is_written_to(tmp_path):
+    folder = os.fsencode(tmp_path / "caf") + b"\xe9"
+    command = [sys.executable, "-m", "servolve", "transpile", str(FIGURE7), "--json", "--out", folder]
+    done = subprocess.run(command, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert len(os.listdir(folder)) == 3  # noqa: PTH208  a path of bytes
+
+
+def test_a_compiler_that_never_ends_is_one_sentence(tmp_path, monkeypatch):
+    wrapper = tmp_path / "bin" / "slow-cc"
+    wrapper.parent.mkdir()
+    wrapper.write_text("#!/bin/sh\nexec sleep 60\n")
+    wrapper.chmod(0o755)
+    monkeypatch.setattr(compiled, "COMPILE_SECONDS_MAX", 0.2)
+    with pytest.raises(RunError, match=r"took more than 0.2 s; simplify"):
+        compiled.run_compiler([str(wrapper)], tmp_path)
+
+
+@pytest.mark.parametrize("arguments", [["show", str(FIGURE7), "--as", "c"], ["show", str(FIGURE7)]])
+def test_a_full_disk_is_one_sentence(arguments):
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "servolve", *arguments]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == (
+        "servolve: the output can not be written (No space left on device); make room, or write it elsewhere\n"
+    )
