@@ -102,6 +102,7 @@ MAIN = '#include <stdio.h>\n#include "made.h"\nint main(void) { printf("%d", (in
         ("0.600000024F * step", "0.600000083F * step"),
         ("step > 0.239999995F", "step > 0.2F"),
         ("step < (-0.239999995F)", "step > (-0.239999995F)"),
+        ("command[i] = outputs[i]", "command[i] = command[i]"),
         ("held - 0.239999995F", "held + 0.239999995F"),
         ("target = held + step", "target = step"),
         ("command[made_output_a1] * 0.0174532924F", "command[made_output_a1] * 0.0174533F"),

@@ -319,15 +319,16 @@ static int32_t figure7_clamp_check(void) {
 
 static int32_t figure7_command_check(void) {
   figure7_state state;
+  float values[figure7_noutput];
   float command[figure7_noutput];
   int32_t step;
   int32_t i;
   figure7_init(&state);
   for (step = 0; step < 24; step++) {
     for (i = 0; i < figure7_noutput; i++) {
-      command[i] = figure7_float(figure7_recorded_values[step][i]);
+      values[i] = figure7_float(figure7_recorded_values[step][i]);
     }
-    figure7_command(&state, command, command);
+    figure7_command(&state, values, command);
     for (i = 0; i < figure7_noutput; i++) {
       if (!figure7_same(command[i], figure7_recorded_commands[step][i])) {
         return 0;
