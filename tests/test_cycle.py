@@ -341,3 +341,28 @@ def test_no_inconsistent_cycle_runs(rig, change):
 def test_raw_of_another_size_is_refused(rig):
     with pytest.raises(InputError, match="give the rig's 16 channels"):
         pack_cycle(controller_for(rig, EVERY), rig).step(0.3, 0.0, np.zeros(15, np.int32))
+
+
+@pytest.mark.parametrize("zero", [2**30, -(2**30), 2**31 - 1])
+@pytest.mark.parametrize("cycle", [pack_cycle, ReferenceCycle])
+def test_a_zero_that_counts_can_not_be_taken_from_is_refused(rig, cycle, zero):
+    sensors = tuple(replace(sensor, zero=zero) for sensor in rig.sensors)
+    with pytest.raises(InputError, match=r"zero .* is not within 2\^30"):
+        cycle(controller_for(rig, EVERY), replace(rig, sensors=sensors))
+
+
+def test_the_largest_zeros_and_counts_stay_in_32_bits(rig):
+    sensors = tuple(replace(sensor, zero=1 - 2**30) for sensor in rig.sensors)
+    far = replace(rig, sensors=sensors)
+    raw = np.full(rig.nraw, 2**31 - 1, np.int32)
+    both = [cycle(controller_for(rig, EVERY), far).step(0.3, 0.0, raw)[0] for cycle in (pack_cycle, ReferenceCycle)]
+    assert both[0].tobytes() == both[1].tobytes()
+    z = next(sensor for sensor in rig.sensors if sensor.name == "z")
+    assert both[0][list(terminals_of(rig)).index("pz")] == np.float32(2**31 - 1) * np.float32(z.scale)
+
+
+def test_limits_as_wide_as_they_go_never_stick(rig):
+    text = "(list (* 3e38 (sin (* 100 t))) (* 3e38 (sin (* 70 t))) 0)"
+    controller = controller_for(rig, text, limits=(-1e6, 1e6, 0.0), unit="rad", filter=0.5, slew_rad_s=0.0)
+    _, _, counts = run_cycle(controller, rig, np.zeros((200, rig.nraw), np.int32), (0.3, 0.0))
+    assert len(np.unique(counts[-50:, 0])) > 1
