@@ -111,7 +111,7 @@ def check_controller(rig: Rig, controller: Controller) -> list[Finding]:
 
     Args:
         rig: the rig
-        controller: the controller
+        controller: the controller, which fits the rig
     """
     if controller.slew_rad_s > 0.0:
         return []
@@ -119,9 +119,7 @@ def check_controller(rig: Rig, controller: Controller) -> list[Finding]:
     jump = 0.0
     for output in controller.outputs:
         unit = math.pi / 180.0 if output.unit == "deg" else 1.0
-        joint = joints.get(output.name)
-        if joint is None:
-            continue  # packing the cycle refuses it
+        joint = joints[output.name]
         span = min(output.high * unit, joint.high_rad) - max(output.low * unit, joint.low_rad)
         jump = max(jump, controller.filter * span)
     text = (

@@ -18,6 +18,7 @@ from rich.table import Table
 
 from controller import Controller, Rig, controller_text, load_controller, load_rig
 from controller.errors import InputError, RunError
+from controller.native import pack_cycle
 from deploy.checks import Finding, check_controller
 from deploy.connection import connect_ports, connect_virtual
 from deploy.host_loop import Outcome, RunOptions, run_controller
@@ -107,6 +108,7 @@ def deploy(
             for refused in stack.enter_context(realtime()):
                 console.print(f"servolve: warning: {refused}", highlight=False)
 
+        pack_cycle(program, about)  # refuses a controller that does not fit, before anything is said of it
         known = check_controller(about, program)
         _warn(console, known)
         announcer = None if virtual else stack.enter_context(Announcer(console, about.name))
