@@ -74,7 +74,9 @@ def poisson_disk(rng: np.random.Generator, n: int, low: float, high: float) -> n
     return rng.permutation(points)
 
 
-def draw_conditions(rng: np.random.Generator, settings: Settings, n: int, njoint: int) -> Conditions:
+def draw_conditions(
+    rng: np.random.Generator, settings: Settings, n: int, njoint: int, *, nominal: int = 0
+) -> Conditions:
     """Draw goals, each with a rig of its own.
 
     Args:
@@ -82,17 +84,20 @@ def draw_conditions(rng: np.random.Generator, settings: Settings, n: int, njoint
         settings: the run's numbers
         n: conditions
         njoint: joints of the rig
+        nominal: how many of them, the first ones, are the rig as its file states it
 
     Returns:
-        the conditions; the nominal rig where no range is wider than 0
+        the conditions; all of the nominal rig where no range is wider than 0
     """
     goal_m = poisson_disk(rng, n, settings.goal_low_m, settings.goal_high_m)
     ranges = perturbation_ranges(settings)
-    if any(getattr(ranges, field.name) for field in dataclasses.fields(ranges)):
-        perturbations = draw_perturbations(rng, n, njoint, ranges)
-    else:
-        perturbations = nominal_perturbations(n, njoint)
-    return conditions(goal_m, np.zeros(n), perturbations)
+    stated = nominal_perturbations(n, njoint)
+    drawn = draw_perturbations(rng, n, njoint, ranges) if any(dataclasses.astuple(ranges)) else stated
+    columns = {
+        field.name: np.concatenate((getattr(stated, field.name)[:nominal], getattr(drawn, field.name)[nominal:]))
+        for field in dataclasses.fields(Perturbations)
+    }
+    return conditions(goal_m, np.zeros(n), Perturbations(**columns))
 
 
 def conditions(

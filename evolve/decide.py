@@ -121,6 +121,43 @@ def candidates(generation: Generation, count: int) -> list[Candidate]:
     ]
 
 
+def stated_hits(
+    task: Task, pool: RolloutPool, rig: Rig, settings: Settings, seed: int, hall: Sequence[Candidate]
+) -> npt.NDArray[np.int64]:
+    """Count how many unseen goals each candidate hits on the rig as its file states it.
+
+    Args:
+        task: what for
+        pool: rollouts in the physics that counts
+        rig: the rig
+        settings: the run's numbers
+        seed: of the run
+        hall: the candidates
+
+    Returns:
+        hits, (candidates,)
+    """
+    rng = generator(seed, Stream.STATED)
+    n = settings.stated_goals
+    unseen = draw_conditions(rng, settings, n, len(rig.joints), nominal=n)
+    return evaluate(task, pool, *_entries(hall), unseen, Cache()).hits
+
+
+def who_hit_most(hall: Sequence[Candidate], hits: npt.NDArray[np.int64]) -> list[Candidate]:
+    """Return the candidates that hit about as often as the best of them.
+
+    The rig as its file states it is the best guess of the one on the bench: who fails there is out, however robust.
+
+    Args:
+        hall: the candidates
+        hits: of each, (candidates,)
+
+    Returns:
+        at least one of them, in order
+    """
+    return [candidate for candidate, n in zip(hall, hits.tolist(), strict=True) if n >= (1 - _AS_GOOD) * hits.max()]
+
+
 def decide(
     task: Task, pool: RolloutPool, rig: Rig, settings: Settings, seed: int, hall: Sequence[Candidate]
 ) -> tuple[Candidate, Validation, Conditions]:
@@ -140,11 +177,14 @@ def decide(
     njoint = len(rig.joints)
     unseen = draw_conditions(generator(seed, Stream.DECISION), settings, settings.decision_goals, njoint)
     race = Race(max(1, settings.decision_goals // _RACE_SHARE_OF_CONDITIONS), _RACE_SHARE_OF_CANDIDATES, 1.0)
-    programs = [candidate.program for candidate in hall]
-    evaluation = evaluate(task, pool, [candidate.controller for candidate in hall], programs, unseen, Cache(), race)
+    evaluation = evaluate(task, pool, *_entries(hall), unseen, Cache(), race)
     best = hall[_simplest_of_the_best(evaluation, [candidate.nodes for candidate in hall])]
     held_out = draw_conditions(generator(seed, Stream.HELD_OUT), settings, settings.held_out_goals, njoint)
     return best, validate(task, pool, best.controller, held_out), held_out
+
+
+def _entries(hall: Sequence[Candidate]) -> tuple[list[Controller], list[str]]:
+    return [candidate.controller for candidate in hall], [candidate.program for candidate in hall]
 
 
 def _simplest_of_the_best(evaluation: Evaluation, nodes: Sequence[int]) -> int:

@@ -12,12 +12,17 @@ TASK = Task(
     fitness=ROBUST.fitness,
     settings=Settings(
         population=250,
-        generations=20,
+        generations=28,
         goals=6,
+        nominal_goals=2,
         race_goals=2,
         race_share=0.3,
         goal_low_m=0.3,
         goal_high_m=0.3,
         time_limit_s=4.0,
+        friction=0.2,
+        torque=0.1,
+        latency_s=0.02,
+        hall_of_fame=45,
     ),
 )

@@ -16,7 +16,7 @@ import numpy as np
 from controller import Controller, Rig, format_source, load_rig, program_hash, save_controller
 from controller.native import run_cycle
 from evolve.conditions import Conditions, draw_conditions, pick
-from evolve.decide import Candidate, Validation, candidates, decide, hall_of_fame
+from evolve.decide import Candidate, Validation, candidates, decide, hall_of_fame, stated_hits, who_hit_most
 from evolve.evaluate import Cache, evaluate
 from evolve.history import EvaluationRow, GenerationRow, History
 from evolve.run_folder import BEST, HISTORY, RUN, VALIDATION, make_folder, run_text, validation_text, write_whole
@@ -26,6 +26,7 @@ from evolve.streams import RNG_NAME, Stream, generator
 from evolve.task import Task
 from evolve.template import controller_template
 from evolve.tree_gp import tree_gp
+from sim_models.body import Form
 from sim_models.rollouts import RolloutPool, make_cases
 
 _GOLDEN_STEPS: Final = 50
@@ -121,13 +122,20 @@ def evolve(config: RunConfig, progress: Callable[[Progress], None]) -> RunResult
     settings = check(config.settings or task.settings, task.name)
     rig = load_rig(config.rig or task.rig)
     template = controller_template(task, rig, settings)
-    with _pool(task, rig, settings, config.threads, deciding=False) as pool:
+    for timestep_s in (settings.verify_timestep_s, settings.decide_timestep_s):
+        # a step that does not fit the rig's period is told before the search, not after
+        _pool(task, rig, settings, config.threads, settings.decide_form, timestep_s).close()
+    with _pool(task, rig, settings, config.threads, settings.screen_form, settings.screen_timestep_s) as pool:
         _rehearse(task, pool, template, settings, config.seed)
         make_folder(config.out)
         write_whole(config.out / RUN, run_text(_head(config, rig), settings, _versions()))
         hall, simulations = _search(config, settings, template, pool, progress, started)
-    with _pool(task, rig, settings, config.threads, deciding=True) as pool:
-        best, validation, held_out = decide(task, pool, rig, settings, config.seed, hall_of_fame(hall, settings))
+    hall = hall_of_fame(hall, settings)
+    with _pool(task, rig, settings, config.threads, settings.decide_form, settings.verify_timestep_s) as pool:
+        verified = stated_hits(task, pool, rig, settings, config.seed, hall)
+    with _pool(task, rig, settings, config.threads, settings.decide_form, settings.decide_timestep_s) as pool:
+        hall = who_hit_most(hall, verified + stated_hits(task, pool, rig, settings, config.seed, hall))
+        best, validation, held_out = decide(task, pool, rig, settings, config.seed, hall)
         golden = golden_trace(pool, best.controller, held_out)
     provenance = _provenance(config, rig, settings, best, validation)
     controller = dataclasses.replace(best.controller, provenance=provenance, golden=golden)
@@ -191,15 +199,10 @@ def _search(
     return hall, cache.simulations
 
 
-def _pool(task: Task, rig: Rig, settings: Settings, threads: int | None, *, deciding: bool) -> RolloutPool:
-    """Open rollouts in the physics that screens or that decides."""
+def _pool(task: Task, rig: Rig, settings: Settings, threads: int | None, form: Form, timestep_s: float) -> RolloutPool:
+    """Open rollouts in one physics."""
     return RolloutPool(
-        rig,
-        form=settings.decide_form if deciding else settings.screen_form,
-        timestep_s=settings.decide_timestep_s if deciding else settings.screen_timestep_s,
-        time_limit_s=settings.time_limit_s,
-        threads=threads,
-        stop=task.stop,
+        rig, form=form, timestep_s=timestep_s, time_limit_s=settings.time_limit_s, threads=threads, stop=task.stop
     )
 
 

@@ -113,7 +113,8 @@ def tell(
     """
     settings = gp.settings
     rng = generator(seed, Stream.CONDITIONS, number)
-    conditions = draw_conditions(rng, settings, settings.goals, len(template.outputs))
+    njoint = len(template.outputs)
+    conditions = draw_conditions(rng, settings, settings.goals, njoint, nominal=settings.nominal_goals)
     cache.forget_others(conditions.keys)
     controllers = [controller_of(gp, template, individual) for individual in population]
     programs = [program_hash(controller.program) for controller in controllers]

@@ -31,6 +31,7 @@ class Settings:
         nodes_max: nodes of a tree
         constant_max: ephemeral constants lie in ±constant_max
         goals: goal distances of a generation
+        nominal_goals: how many of these are met on the rig as its file states it; the others on perturbed ones
         goal_low_m: nearest goal [m]
         goal_high_m: farthest goal [m]
         race_goals: conditions that everyone meets first; 0: no race
@@ -43,6 +44,7 @@ class Settings:
         screen_timestep_s: physics step while searching [s]
         decide_form: body when the best is chosen
         decide_timestep_s: physics step when the best is chosen [s]
+        verify_timestep_s: finer physics step in which hits on the rig as its file states it must hold too [s]
         friction: floor friction varies by ± this share
         mass: masses vary by ± this share
         torque: torque of each servo varies by ± this share
@@ -54,6 +56,7 @@ class Settings:
         angle_noise_rad: standard deviation of the noise of the pose's angles [rad]
         force_noise_n: standard deviation of the noise of the force [N]
         hall_of_fame: candidates for the best of the run
+        stated_goals: unseen goals that candidates must hit on the rig as its file states it
         decision_goals: unseen conditions that choose the best
         held_out_goals: further unseen conditions that judge the chosen
     """
@@ -72,6 +75,7 @@ class Settings:
     nodes_max: int = 200
     constant_max: float = 30.0
     goals: int = 4
+    nominal_goals: int = 1
     goal_low_m: float = 0.1
     goal_high_m: float = 0.6
     race_goals: int = 2
@@ -84,6 +88,7 @@ class Settings:
     screen_timestep_s: float = 0.004
     decide_form: Literal["planar", "free"] = "free"
     decide_timestep_s: float = 0.002
+    verify_timestep_s: float = 0.001
     friction: float = 0.3
     mass: float = 0.1
     torque: float = 0.2
@@ -95,6 +100,7 @@ class Settings:
     angle_noise_rad: float = 0.002
     force_noise_n: float = 0.05
     hall_of_fame: int = 30
+    stated_goals: int = 8
     decision_goals: int = 24
     held_out_goals: int = 24
 
@@ -115,6 +121,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "nodes_max": (1, 2000),
     "constant_max": (1e-3, 1e6),
     "goals": (1, 1000),
+    "nominal_goals": (0, 1000),
     "goal_low_m": (-100, 100),
     "goal_high_m": (-100, 100),
     "race_goals": (0, 1000),
@@ -124,6 +131,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "slew_rad_s": (0, 1000),
     "screen_timestep_s": (1e-4, 0.1),
     "decide_timestep_s": (1e-4, 0.1),
+    "verify_timestep_s": (1e-4, 0.1),
     "friction": (0, 0.95),
     "mass": (0, 0.95),
     "torque": (0, 0.95),
@@ -135,6 +143,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "angle_noise_rad": (0, 1),
     "force_noise_n": (0, 1000),
     "hall_of_fame": (1, 10_000),
+    "stated_goals": (1, 1000),
     "decision_goals": (1, 10_000),
     "held_out_goals": (1, 10_000),
 }

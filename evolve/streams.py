@@ -17,6 +17,7 @@ class Stream(IntEnum):
     CONDITIONS = 2
     DECISION = 3
     HELD_OUT = 4
+    STATED = 5
 
 
 def generator(seed: int, stream: Stream, generation: int = 0) -> np.random.Generator:

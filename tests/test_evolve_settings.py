@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from controller.errors import InputError
 from evolve.conditions import draw_conditions, pick, poisson_disk
+from evolve.decide import Candidate, who_hit_most
 from evolve.settings import Settings, apply_overrides
 from evolve.streams import Stream, generator
+from sim_models.perturbations import nominal_perturbations
 
 
 def test_overrides_are_read_as_the_type_of_their_setting():
@@ -99,3 +101,24 @@ def test_without_ranges_conditions_are_nominal_and_the_same_every_generation():
     a, b = (draw_conditions(generator(1, Stream.CONDITIONS, g), numbers, 1, 3) for g in (0, 1))
     assert a.keys == b.keys
     assert np.all(a.perturbations.torque == 1) and np.all(a.perturbations.latency_s == 0)
+
+
+def test_the_first_conditions_are_the_rig_as_its_file_states_it():
+    numbers = Settings()
+    drawn = draw_conditions(generator(1, Stream.CONDITIONS), numbers, 5, 3, nominal=2)
+    perturbed = draw_conditions(generator(1, Stream.CONDITIONS), numbers, 5, 3)
+    stated = nominal_perturbations(5, 3)
+    np.testing.assert_array_equal(drawn.goal_m, perturbed.goal_m)
+    for field in dataclasses.fields(stated):
+        mixed = getattr(drawn.perturbations, field.name)
+        np.testing.assert_array_equal(mixed[:2], getattr(stated, field.name)[:2])
+        np.testing.assert_array_equal(mixed[2:], getattr(perturbed.perturbations, field.name)[2:])
+    assert (drawn.perturbations.friction[2:] != 1).all()
+
+
+@pytest.mark.parametrize(
+    ("hits", "left"), [((0, 8, 7), "b"), ((16, 15, 3), "ab"), ((0, 0, 0), "abc"), ((1, 0, 1), "ac")]
+)
+def test_who_fails_on_the_rig_as_stated_is_out(hits, left):
+    hall = [Candidate(0, 0, name, 1, None) for name in "abc"]
+    assert "".join(c.program for c in who_hit_most(hall, np.array(hits))) == left
