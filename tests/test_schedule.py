@@ -15,7 +15,7 @@ WRITE = Transaction(TransactionKind.WRITE_GOALS, -1, 116, 4)
 @pytest.mark.parametrize("name", ["lamp-xc330", "lamp-xl330"])
 def test_a_lamp_reads_runs_writes_and_asks_one_servo_for_its_health(name):
     schedule = schedule_of(load_rig(name))
-    # torque enable to hardware error (64 to 70) of each servo in turn, then voltage and temperature (144 to 146) of each, and again
+    # torque enable to hardware error (64 to 70) of each servo in turn, then voltage and temperature (144 to 146)
     turns = [(0, 64, 7), (1, 64, 7), (2, 64, 7), (0, 144, 3), (1, 144, 3), (2, 144, 3)] * 2
     for k, turn in enumerate(turns):
         assert period(schedule, k) == (READ, RUN, WRITE, Transaction(TransactionKind.READ_HEALTH, *turn))
