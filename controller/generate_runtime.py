@@ -65,11 +65,21 @@ def _case(operation: Operation) -> list[str]:
     return [f"case {symbol(operation)}: {{", *loads, f"  *result = {value};", "  break;", "}"]
 
 
-def main() -> None:
-    """Write the file."""
+def main() -> int:
+    """Write the file, or with `--check` only say whether it is up to date.
+
+    Returns:
+        exit status; 1: it is not
+    """
+    if sys.argv[1:] == ["--check"]:
+        if PATH.read_text(encoding="utf-8") == runtime_text():
+            return 0
+        sys.stderr.write(f"{PATH} is out of date; write it anew with `python -m controller.generate_runtime`\n")
+        return 1
     PATH.write_text(runtime_text(), encoding="utf-8")
     sys.stderr.write(f"wrote {PATH}\n")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
