@@ -75,7 +75,7 @@ class Settings:
     nodes_max: int = 200
     constant_max: float = 30.0
     goals: int = 4
-    nominal_goals: int = 1
+    nominal_goals: int = 0
     goal_low_m: float = 0.1
     goal_high_m: float = 0.6
     race_goals: int = 2
