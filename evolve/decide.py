@@ -114,7 +114,7 @@ def candidates(generation: Generation, count: int) -> list[Candidate]:
             generation.number,
             index,
             generation.programs[index],
-            generation.population[index].nodes,
+            int(generation.nodes[index]),
             generation.controllers[index],
         )
         for index in reversed(generation.best(count))

@@ -17,6 +17,7 @@ from controller import Controller, Rig, format_source, load_rig, program_hash, s
 from controller.native import run_cycle
 from evolve.conditions import Conditions, draw_conditions, pick
 from evolve.decide import Candidate, Validation, candidates, decide, hall_of_fame, stated_hits, who_hit_most
+from evolve.engines import make_engine
 from evolve.evaluate import Cache, evaluate
 from evolve.history import EvaluationRow, GenerationRow, History
 from evolve.run_folder import BEST, HISTORY, RUN, VALIDATION, make_folder, run_text, validation_text, write_whole
@@ -25,7 +26,6 @@ from evolve.settings import Settings, check
 from evolve.streams import RNG_NAME, Stream, generator
 from evolve.task import Task
 from evolve.template import controller_template
-from evolve.tree_gp import tree_gp
 from sim_models.body import Form
 from sim_models.rollouts import RolloutPool, make_cases
 
@@ -44,6 +44,7 @@ class RunConfig:
         settings: numbers; None: the task's own
         rig: name or path of the rig; None: the task's own
         threads: threads that simulate, which change nothing but the time; None: one per CPU
+        engine: name of the method; None: the task's own
     """
 
     task: Task
@@ -52,6 +53,7 @@ class RunConfig:
     settings: Settings | None = None
     rig: str | None = None
     threads: int | None = None
+    engine: str | None = None
 
 
 @dataclass(frozen=True)
@@ -182,15 +184,15 @@ def _search(
     started: float,
 ) -> tuple[list[Candidate], int]:
     """Run all generations; return the best of each and the number of simulations."""
-    gp = tree_gp(config.task.terminals, len(template.outputs), settings)
+    engine = make_engine(config.engine or config.task.engine, config.task.terminals, len(template.outputs), settings)
     cache = Cache()
     hall: list[Candidate] = []
     generation: Generation | None = None
     with History(config.out / HISTORY) as history:
         for number in range(settings.generations):
             before, simulations = time.monotonic(), cache.simulations
-            population = ask(gp, config.seed, generation)
-            generation = tell(config.task, gp, template, pool, cache, config.seed, number, population)
+            population = ask(engine, settings, config.seed, generation)
+            generation = tell(config.task, engine, settings, template, pool, cache, config.seed, number, population)
             seconds = time.monotonic() - before
             row = _generation_row(generation, cache.simulations - simulations, seconds)
             history.record(row, _evaluation_rows(generation))
@@ -212,7 +214,7 @@ def _evaluation_rows(generation: Generation) -> list[EvaluationRow]:
     return [
         EvaluationRow(
             program,
-            individual.nodes,
+            int(generation.nodes[index]),
             format_source(controller.source),
             individual.operator,
             individual.parents,
@@ -256,7 +258,7 @@ def _progress(generation: Generation, row: GenerationRow, settings: Settings, ca
         main=float(generation.evaluation.main[best]),
         hits=int(generation.evaluation.hits[best]),
         conditions=len(generation.conditions),
-        nodes=generation.population[best].nodes,
+        nodes=int(generation.nodes[best]),
         simulations=cache.simulations,
         seconds=seconds,
     )
@@ -264,7 +266,13 @@ def _progress(generation: Generation, row: GenerationRow, settings: Settings, ca
 
 def _head(config: RunConfig, rig: Rig) -> dict[str, str | int | float | bool]:
     """Return what a run is, apart from its numbers."""
-    return {"task": config.task.name, "rig": rig.name, "engine": "gp", "seed": config.seed, "rng": RNG_NAME}
+    return {
+        "task": config.task.name,
+        "rig": rig.name,
+        "engine": config.engine or config.task.engine,
+        "seed": config.seed,
+        "rng": RNG_NAME,
+    }
 
 
 def _versions() -> dict[str, str]:

@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from controller import Controller, lower, program_hash
 from evolve.conditions import Conditions, draw_conditions
+from evolve.engine import Choose, Engine, Individual
 from evolve.evaluate import Cache, Evaluation, Race, evaluate
-from evolve.selection import ranks
+from evolve.selection import ranks, tournament
+from evolve.settings import Settings
 from evolve.streams import Stream, generator
 from evolve.task import Task
-from evolve.tree_gp import Individual, TreeGp, breed, source, start
 from sim_models.rollouts import RolloutPool
 
 
@@ -31,6 +32,7 @@ class Generation:
         conditions: what they met
         phase: weight of the style points
         evaluation: how they did
+        nodes: size of each, (population,)
         rank: rank of each, 0 is the best, (population,)
     """
 
@@ -41,6 +43,7 @@ class Generation:
     conditions: Conditions
     phase: float
     evaluation: Evaluation
+    nodes: npt.NDArray[np.int64]
     rank: npt.NDArray[np.int64]
 
     def best(self, count: int) -> list[int]:
@@ -67,13 +70,14 @@ def phase_of(generation: int, generations: int) -> float:
     return float(np.sqrt(generation / generations))
 
 
-def ask(gp: TreeGp, seed: int, before: Generation | None) -> list[Individual]:
+def ask(engine: Engine, settings: Settings, seed: int, before: Generation | None) -> list[Individual]:
     """Return the population that follows a generation, or the first one.
 
     Chance comes from the seed and the generation's number alone, so a search can go on from any generation.
 
     Args:
-        gp: the method
+        engine: the method
+        settings: the run's numbers
         seed: of the run
         before: the generation before, None: there is none
 
@@ -81,14 +85,21 @@ def ask(gp: TreeGp, seed: int, before: Generation | None) -> list[Individual]:
         the population
     """
     if before is None:
-        return start(generator(seed, Stream.START), gp)
+        return engine.start(generator(seed, Stream.START))
     rng = generator(seed, Stream.VARIATION, before.number + 1)
-    return breed(rng, gp, before.population, before.rank)
+    elite = np.argsort(before.rank)[: settings.elites].tolist()
+    return engine.breed(rng, before.population, _chooser(settings, before), elite)
+
+
+def _chooser(settings: Settings, before: Generation) -> Choose:
+    """Return how a parent is drawn from a generation."""
+    return lambda rng: tournament(rng, before.rank, settings.tournament)
 
 
 def tell(
     task: Task,
-    gp: TreeGp,
+    engine: Engine,
+    settings: Settings,
     template: Controller,
     pool: RolloutPool,
     cache: Cache,
@@ -100,7 +111,8 @@ def tell(
 
     Args:
         task: whose fitness counts
-        gp: the method
+        engine: the method
+        settings: the run's numbers
         template: the controller around the programs
         pool: where rollouts run
         cache: outcomes known from before
@@ -111,33 +123,32 @@ def tell(
     Returns:
         the generation
     """
-    settings = gp.settings
     rng = generator(seed, Stream.CONDITIONS, number)
     njoint = len(template.outputs)
     conditions = draw_conditions(rng, settings, settings.goals, njoint, nominal=settings.nominal_goals)
     cache.forget_others(conditions.keys)
-    controllers = [controller_of(gp, template, individual) for individual in population]
+    controllers = [controller_of(engine, template, individual) for individual in population]
     programs = [program_hash(controller.program) for controller in controllers]
     phase = phase_of(number, settings.generations)
     race = Race(settings.race_goals, settings.race_share, phase)
     evaluation = evaluate(task, pool, controllers, programs, conditions, cache, race, remember=settings.cache)
     complete = evaluation.met == len(conditions)
-    nodes = np.array([individual.nodes for individual in population], np.int64)
+    nodes = np.array([engine.nodes(individual) for individual in population], np.int64)
     rank = ranks(evaluation.fitness(phase), complete, nodes)
-    return Generation(number, population, controllers, programs, conditions, phase, evaluation, rank)
+    return Generation(number, population, controllers, programs, conditions, phase, evaluation, nodes, rank)
 
 
-def controller_of(gp: TreeGp, template: Controller, individual: Individual) -> Controller:
+def controller_of(engine: Engine, template: Controller, individual: Individual) -> Controller:
     """Return the template with an individual's program in it.
 
     Args:
-        gp: the method
+        engine: the method
         template: the controller around the programs
         individual: whose program
 
     Returns:
         the controller
     """
-    expression = source(gp, individual)
+    expression = engine.source(individual)
     names = [terminal.name for terminal in template.inputs]
     return dataclasses.replace(template, source=expression, program=lower(expression, names))

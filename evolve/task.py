@@ -18,12 +18,13 @@ import importlib
 import importlib.util
 import re
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import TypeAlias
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 
@@ -35,6 +36,7 @@ __all__ = ["BUILT_IN", "FloatArray", "Settings", "StopConditions", "Task", "load
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 Fitness: TypeAlias = Callable[[Rollouts, FloatArray], tuple[FloatArray, FloatArray]]
+Scene: TypeAlias = Callable[[mujoco.MjSpec, Settings], None]
 
 BUILT_IN = {"lamp": "evolve.lamp", "lamp-robust": "evolve.lamp_robust"}
 """Module of each task that has a name."""
@@ -55,6 +57,9 @@ class Task:
         settings: the numbers of its runs
         stop: when a rollout is over before its time
         traces: whether `fitness` reads ``rollouts.traces``, which costs memory
+        engine: method that breeds, unless the command line says another
+        scene: what stands in the body's way: ``(MjSpec, settings) -> None`` adds it before the model is compiled
+        on: the task on other rigs, by name, where it differs there
     """
 
     name: str
@@ -64,6 +69,17 @@ class Task:
     settings: Settings = field(default_factory=Settings)
     stop: StopConditions = field(default_factory=StopConditions)
     traces: bool = False
+    engine: str = "gp"
+    scene: Scene | None = None
+    on: Mapping[str, Task] = field(default_factory=dict)
+
+    def for_rig(self, rig: str | None) -> Task:
+        """Return the task as it is on a rig: another terminal set, other numbers.
+
+        Args:
+            rig: name of the rig; None: the task's own
+        """
+        return self.on.get(rig, self) if rig is not None else self
 
 
 def load_task(name_or_path: str) -> Task:

@@ -159,6 +159,40 @@ def to_source(primitives: Primitives, genotype: Genotype) -> Source:
     return Source(tuple(to_expression(primitives, tree) for tree in genotype))
 
 
+def from_source(primitives: Primitives, source: Source) -> Genotype:
+    """Convert a controller's source back to the genotype that `to_source` gave it.
+
+    Args:
+        primitives: what the trees are made of
+        source: one expression for each output, without definitions
+
+    Returns:
+        the genotype
+    """
+    return tuple(_from_expression(primitives, expression) for expression in source.outputs)
+
+
+def _from_expression(primitives: Primitives, root: Expression) -> Tree:
+    """Convert an expression to prefix vectors, with a stack of its own."""
+    codes: list[int] = []
+    values: list[np.float32] = []
+    pending = [root]
+    while pending:
+        node = pending.pop()
+        value = np.float32(0)
+        match node:
+            case Apply(operation=operation, operands=operands):
+                codes.append(primitives.functions.index(operation))
+                pending.extend(reversed(operands))
+            case Name(name=name):
+                codes.append(len(primitives.functions) + primitives.terminals.index(name))
+            case Constant():
+                codes.append(primitives.constant)
+                value = node.value
+        values.append(value)
+    return Tree(np.array(codes, np.int16), np.array(values, np.float32))
+
+
 def genotype_key(genotype: Genotype) -> bytes:
     """Return bytes that are equal exactly for equal genotypes."""
     return b"".join(len(tree).to_bytes(4, "little") + tree.codes.tobytes() + tree.values.tobytes() for tree in genotype)

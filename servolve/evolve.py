@@ -67,7 +67,7 @@ def evolve(
     _check("--seed", seed, 0, _SEED_MAX)
     if threads is not None:
         _check("--threads", threads, 1, _THREADS_MAX)
-    loaded = evolution.load_task(task)
+    loaded = evolution.load_task(task).for_rig(rig)
     overrides = [
         *(set_ or []),
         *([] if population is None else [f"population={population}"]),

@@ -162,10 +162,10 @@ def test_the_golden_trace_is_what_the_program_answers(finished):
 
 def test_a_race_decides_who_meets_more_not_what_a_fitness_is(pool, method):
     gp, template = method
-    population = ask(gp, 1, None)
-    numbers = dataclasses.replace(gp, settings=dataclasses.replace(SMALL, race_goals=0))
-    raced = tell(TASK, gp, template, pool, Cache(), 1, 0, population)
-    everyone = tell(TASK, numbers, template, pool, Cache(), 1, 0, population)
+    population = ask(gp, SMALL, 1, None)
+    numbers = dataclasses.replace(SMALL, race_goals=0)
+    raced = tell(TASK, gp, SMALL, template, pool, Cache(), 1, 0, population)
+    everyone = tell(TASK, gp, numbers, template, pool, Cache(), 1, 0, population)
     assert raced.conditions.keys == everyone.conditions.keys
     complete = raced.evaluation.met == 4
     assert 0 < complete.sum() < len(population)
@@ -181,16 +181,19 @@ def test_a_race_decides_who_meets_more_not_what_a_fitness_is(pool, method):
 
 def test_a_cache_saves_rollouts_and_changes_nothing(pool, method):
     gp, template = method
-    start = ask(gp, 2, None)
+    start = ask(gp, SMALL, 2, None)
     population = [*start[:6], *start[:6], *start[:3]]
-    without = dataclasses.replace(gp, settings=dataclasses.replace(SMALL, cache=False, race_goals=0))
-    within = dataclasses.replace(gp, settings=dataclasses.replace(SMALL, race_goals=0))
+    without = dataclasses.replace(SMALL, cache=False, race_goals=0)
+    within = dataclasses.replace(SMALL, race_goals=0)
     cold, cached, again = Cache(), Cache(), None
-    plain = tell(TASK, without, template, pool, cold, 2, 0, population)
-    saved = tell(TASK, within, template, pool, cached, 2, 0, population)
+    plain = tell(TASK, gp, without, template, pool, cold, 2, 0, population)
+    saved = tell(TASK, gp, within, template, pool, cached, 2, 0, population)
     assert cold.simulations == 15 * 4
     assert cached.simulations == len(set(saved.programs)) * 4 <= 6 * 4
-    for one, other in ((plain, saved), (plain, again := tell(TASK, within, template, pool, cached, 2, 0, population))):
+    for one, other in (
+        (plain, saved),
+        (plain, again := tell(TASK, gp, within, template, pool, cached, 2, 0, population)),
+    ):
         assert np.array_equal(one.evaluation.main, other.evaluation.main)
         assert np.array_equal(one.evaluation.style, other.evaluation.style)
         assert np.array_equal(one.evaluation.hits, other.evaluation.hits)
@@ -199,11 +202,11 @@ def test_a_cache_saves_rollouts_and_changes_nothing(pool, method):
 
 def test_new_conditions_are_not_answered_from_memory(pool, method):
     gp, template = method
-    population = ask(gp, 3, None)
+    population = ask(gp, SMALL, 3, None)
     cache = Cache()
-    first = tell(TASK, gp, template, pool, cache, 3, 0, population)
+    first = tell(TASK, gp, SMALL, template, pool, cache, 3, 0, population)
     before = cache.simulations
-    second = tell(TASK, gp, template, pool, cache, 3, 1, population)
+    second = tell(TASK, gp, SMALL, template, pool, cache, 3, 1, population)
     assert cache.simulations - before > len(set(first.programs))
     assert not np.array_equal(first.evaluation.main, second.evaluation.main)
     assert {key for _, key in cache.outcomes} == set(second.conditions.keys), "old conditions are forgotten"

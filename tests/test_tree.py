@@ -14,6 +14,7 @@ from evolve.tree import (
     Bounds,
     Primitives,
     Tree,
+    from_source,
     genotype_key,
     is_tree,
     replace_subtree,
@@ -140,3 +141,10 @@ def test_keys_tell_genotypes_apart():
     a, b = tree(PLUS, T, T), tree(PLUS, T, A0)
     assert genotype_key((a, b)) != genotype_key((b, a))
     assert genotype_key((tree(1.0),)) != genotype_key((tree(2.0),))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_genotype_comes_back_from_its_source(seed):
+    rng = generator(seed, Stream.START)
+    for genotype in ramped_half_and_half(rng, PRIMITIVES, BOUNDS, (0, 6), 3, 20):
+        assert genotype_key(from_source(PRIMITIVES, to_source(PRIMITIVES, genotype))) == genotype_key(genotype)
