@@ -30,6 +30,19 @@ class Settings:
         depth_max: depth of a tree [edges]
         nodes_max: nodes of a tree
         constant_max: ephemeral constants lie in ±constant_max
+        gep_head: symbols of a gene's head, where functions may stand
+        gep_function_share: share of functions among the symbols drawn for heads
+        gep_mutation: chance of each symbol to become another
+        gep_is: share of children with an insertion sequence moved into a head
+        gep_is_length_max: symbols of the longest insertion sequence
+        gep_ris: share of children with a sequence moved to a root
+        gep_ris_length_max: symbols of the longest of these
+        gep_gene_transposition: share of children with a gene moved to the front
+        gep_one_point: share of children by one-point recombination
+        gep_two_point: share of children by two-point recombination
+        gep_gene: share of children that exchange a whole gene
+        gep_constant_mutation: chance of each constant to be drawn anew
+        gep_constant_tuning: share of children with one constant moved a little
         goals: goal distances of a generation
         nominal_goals: how many of these are met on the rig as its file states it; the others on perturbed ones
         goal_low_m: nearest goal [m]
@@ -74,6 +87,19 @@ class Settings:
     depth_max: int = 17
     nodes_max: int = 200
     constant_max: float = 30.0
+    gep_head: int = 10
+    gep_function_share: float = 0.5
+    gep_mutation: float = 0.01
+    gep_is: float = 0.1
+    gep_is_length_max: int = 4
+    gep_ris: float = 0.1
+    gep_ris_length_max: int = 4
+    gep_gene_transposition: float = 0.05
+    gep_one_point: float = 0.2
+    gep_two_point: float = 0.5
+    gep_gene: float = 0.1
+    gep_constant_mutation: float = 0.05
+    gep_constant_tuning: float = 0.9
     goals: int = 4
     nominal_goals: int = 0
     goal_low_m: float = 0.1
@@ -120,6 +146,19 @@ _RANGES: dict[str, tuple[float, float]] = {
     "depth_max": (1, 100),
     "nodes_max": (1, 2000),
     "constant_max": (1e-3, 1e6),
+    "gep_head": (1, 200),
+    "gep_function_share": (0, 1),
+    "gep_mutation": (0, 1),
+    "gep_is": (0, 1),
+    "gep_is_length_max": (1, 200),
+    "gep_ris": (0, 1),
+    "gep_ris_length_max": (1, 200),
+    "gep_gene_transposition": (0, 1),
+    "gep_one_point": (0, 1),
+    "gep_two_point": (0, 1),
+    "gep_gene": (0, 1),
+    "gep_constant_mutation": (0, 1),
+    "gep_constant_tuning": (0, 1),
     "goals": (1, 1000),
     "nominal_goals": (0, 1000),
     "goal_low_m": (-100, 100),
