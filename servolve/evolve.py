@@ -34,7 +34,7 @@ def evolve(
     /,
     *,
     rig: str | None = None,
-    engine: Literal["gp"] = "gp",
+    engine: Literal["gp", "gep"] | None = None,
     out: Path | None = None,
     seed: int = 1,
     population: int | None = None,
@@ -51,7 +51,7 @@ def evolve(
     Args:
         task: lamp (one goal), lamp-robust (any goal in 10 to 60 cm), or the path of a task's Python file
         rig: name or path of the rig; left out: the task's own
-        engine: gp: tree genetic programming
+        engine: gp (tree genetic programming) or gep (gene expression programming); left out: the task's own
         out: folder of the run, new or empty; left out: runs/TASK-SEED
         seed: of all chance
         population: individuals of a generation
@@ -75,7 +75,7 @@ def evolve(
     ]
     settings = evolution.apply_overrides(loaded.settings, overrides)
     folder = out if out is not None else free_folder(RUNS, f"{loaded.name}-{seed}")
-    config = evolution.RunConfig(loaded, folder, seed, settings, rig, threads)
+    config = evolution.RunConfig(loaded, folder, seed, settings, rig, threads, engine)
     with _reporter(quiet, settings.generations) as report:
         result = evolution.evolve(config, report)
     if json_:
