@@ -74,6 +74,30 @@ def poisson_disk(rng: np.random.Generator, n: int, low: float, high: float) -> n
     return rng.permutation(points)
 
 
+def stratified(rng: np.random.Generator, n: int, low: float, high: float) -> npt.NDArray[np.float64]:
+    """Draw directions, one uniform in each of n equal parts of a range, in random order.
+
+    Where the range is a whole turn the parts themselves are rotated, as no direction is the first.
+
+    Args:
+        rng: source of chance; a range of one direction needs none
+        n: directions
+        low: start of the range [rad]
+        high: end of the range [rad]
+
+    Returns:
+        the directions [rad], (n,)
+
+    Source: McKay, Beckman & Conover 1979 (stratified sampling).
+    """
+    if high <= low:
+        return np.full(n, float(low))
+    part = (high - low) / n
+    first = rng.uniform(0, part) if np.isclose(high - low, 2 * np.pi) else 0.0
+    from_low = first + part * (np.arange(n) + rng.random(n))
+    return rng.permutation(low + from_low % (high - low))
+
+
 def draw_conditions(
     rng: np.random.Generator, settings: Settings, n: int, njoint: int, *, nominal: int = 0
 ) -> Conditions:
@@ -97,7 +121,8 @@ def draw_conditions(
         field.name: np.concatenate((getattr(stated, field.name)[:nominal], getattr(drawn, field.name)[nominal:]))
         for field in dataclasses.fields(Perturbations)
     }
-    return conditions(goal_m, np.zeros(n), Perturbations(**columns))
+    bearing_rad = stratified(rng, n, settings.bearing_low_rad, settings.bearing_high_rad)
+    return conditions(goal_m, bearing_rad, Perturbations(**columns))
 
 
 def conditions(

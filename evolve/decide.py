@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from controller import Controller, Rig
 from evolve.conditions import Conditions, draw_conditions
-from evolve.evaluate import Cache, Evaluation, Race, evaluate, is_hit, simulate
+from evolve.evaluate import Cache, Evaluation, Race, evaluate, is_hit, is_passed, simulate
 from evolve.search import Generation
 from evolve.settings import Settings
 from evolve.streams import Stream, generator
@@ -219,7 +219,7 @@ def validate(task: Task, pool: RolloutPool, controller: Controller, conditions: 
         hits=_mean(is_hit(end)),
         within_15_mm=_mean(upright & (end["final_error"] <= HIT_M)),
         within_50_mm=_mean(upright & (end["final_error"] <= NEAR_M)),
-        passed=_mean(end["first_hit_step"] >= 0),
+        passed=_mean(is_passed(end)),
         falls=_mean(end["fallen"] != 0),
         hops_mean=_mean(end["hops"]),
         hops_min=int(end["hops"].min()),

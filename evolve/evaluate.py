@@ -12,13 +12,13 @@ from controller import Controller
 from evolve.conditions import Conditions
 from evolve.task import FloatArray, Task, score
 from sim_models.rollouts import RolloutPool, Rollouts, make_cases
-from sim_models.statistics import HIT_M
+from sim_models.statistics import HIT_M, STATISTICS
 
 REST_M_S = 0.02
 """A base slower than this during the last 0.2 s is at rest [m/s]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Outcome:
     """Hold how one program did under one condition.
 
@@ -26,11 +26,15 @@ class Outcome:
         main: main goal
         style: style points
         hit: within 1.5 cm of the goal at the end, at rest, upright
+        passed: within 1.5 cm of the goal at any time, before any fall: the papers' hit
+        peak_torque: largest |load| of any joint, 1 is its limit
     """
 
     main: float
     style: float
     hit: bool
+    passed: bool
+    peak_torque: float
 
 
 @dataclass(eq=False)
@@ -60,12 +64,16 @@ class Evaluation:
         style: mean style points over the same, (population,)
         met: how many conditions each met, (population,)
         hits: how many of these it hit, (population,)
+        passed: at how many of these it came within 1.5 cm at any time, (population,)
+        peak_torque: largest |load| of any joint in any of these, 1 is its limit, (population,)
     """
 
     main: FloatArray
     style: FloatArray
     met: npt.NDArray[np.int64]
     hits: npt.NDArray[np.int64]
+    passed: npt.NDArray[np.int64]
+    peak_torque: FloatArray
 
     def fitness(self, phase: float) -> FloatArray:
         """Return main + phase * style, lower is better."""
@@ -103,6 +111,21 @@ def is_hit(statistics: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
         & (statistics["end_speed"] <= REST_M_S)
     )
     return hit
+
+
+def is_passed(statistics: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
+    """Return which rollouts came within 1.5 cm of the goal at any time.
+
+    Args:
+        statistics: dtype `STATISTICS`, (nsim,)
+
+    Returns:
+        whether each did, (nsim,)
+
+    Source: Gritz & Hahn 1997, §3.6.
+    """
+    passed: npt.NDArray[np.bool_] = (statistics["status"] == 0) & (statistics["min_error"] <= HIT_M)
+    return passed
 
 
 def evaluate(
@@ -170,6 +193,8 @@ def evaluate(
         np.array([np.mean([o.style for o in known]) for known in outcomes]),
         np.array([len(known) for known in outcomes]),
         np.array([sum(o.hit for o in known) for known in outcomes]),
+        np.array([sum(o.passed for o in known) for known in outcomes]),
+        np.array([max(o.peak_torque for o in known) for known in outcomes]),
     )
 
 
@@ -218,7 +243,9 @@ def _simulate(
     index = np.array([(place[program], row) for program, row in pairs], np.int32)
     rollouts = simulate(pool, [holder[program] for program in programs], conditions, index, traces=task.traces)
     main, style = score(task, rollouts, conditions.goal_m[index[:, 1]])
-    hits = is_hit(rollouts.statistics)
-    for (program, row), *outcome in zip(pairs, main.tolist(), style.tolist(), hits.tolist(), strict=True):
+    end = rollouts.statistics
+    peak = end["peak_torque"] if "peak_torque" in (STATISTICS.names or ()) else np.zeros(len(end))
+    columns = main, style, is_hit(end), is_passed(end), peak.astype(np.float64)
+    for (program, row), *outcome in zip(pairs, *(column.tolist() for column in columns), strict=True):
         cache.outcomes[program, conditions.keys[row]] = Outcome(*outcome)
     cache.simulations += len(pairs)

@@ -107,7 +107,7 @@ def tell(
     number: int,
     population: Sequence[Individual],
 ) -> Generation:
-    """Let a population meet the conditions of its generation, drawn anew, and rank it.
+    """Let a population meet the conditions of its generation and rank it.
 
     Args:
         task: whose fitness counts
@@ -123,7 +123,7 @@ def tell(
     Returns:
         the generation
     """
-    rng = generator(seed, Stream.CONDITIONS, number)
+    rng = generator(seed, Stream.CONDITIONS, number if settings.redraw else 0)
     njoint = len(template.outputs)
     conditions = draw_conditions(rng, settings, settings.goals, njoint, nominal=settings.nominal_goals)
     cache.forget_others(conditions.keys)
