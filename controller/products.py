@@ -27,6 +27,7 @@ class Product:
         duty_full: PWM limit register value that means full duty
         p_divisor: position P gain register value / p_divisor = PWM counts per tick of error
         d_divisor: position D gain register value / d_divisor = PWM counts per tick/s of error rate
+        velocity_p_divisor: velocity P gain register value / velocity_p_divisor = PWM counts per velocity count of error
         armature_kg_m2: rotor inertia at the output [kg m2]
         friction_loss_nm: dry friction at the output [N m]
         damping_nms_rad: viscous friction at the output [N m s/rad]
@@ -47,6 +48,7 @@ class Product:
     duty_full: int
     p_divisor: float
     d_divisor: float
+    velocity_p_divisor: float
     armature_kg_m2: float
     friction_loss_nm: float
     damping_nms_rad: float
@@ -60,7 +62,8 @@ def _rad_s(rev_min: float) -> float:
 _E_MANUAL = "ROBOTIS e-Manual: _data/dxl_x_info.yml@0028038 (specifications at 5 V), docs/en/dxl/x/"
 _X330_LAW = (
     "; P / 128 and D / 16 a control tick from _includes/en/dxl/control_table_position_pid_gain.md@01a2df1, the"
-    " tick taken as 1 ms (not published); velocity unit from the SDK's .model file (the manual's 0.229 rev/min is"
+    " tick taken as 1 ms (not published); velocity P / 128 from _includes/en/dxl/control_table_velocity_pi_gain.md;"
+    " velocity unit from the SDK's .model file (the manual's 0.229 rev/min is"
     " its rounding); armature, friction and damping are estimates until identified on hardware"
 )
 
@@ -83,6 +86,7 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 duty_full=885,
                 p_divisor=128.0,
                 d_divisor=16000.0,
+                velocity_p_divisor=128.0,
                 armature_kg_m2=0.0005,
                 friction_loss_nm=0.015,
                 damping_nms_rad=0.002,
@@ -103,6 +107,7 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 duty_full=885,
                 p_divisor=128.0,
                 d_divisor=16000.0,
+                velocity_p_divisor=128.0,
                 armature_kg_m2=0.0005,
                 friction_loss_nm=0.015,
                 damping_nms_rad=0.002,
@@ -111,4 +116,27 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
         )
     }
 )
-"""The servos that rigs can name."""
+"""The servos that rigs with a bus can name."""
+
+IDEAL = Product(
+    name="ideal",
+    model_number=0,
+    family="none",
+    voltage_v=0.0,
+    stall_torque_nm=0.0,
+    no_load_speed_rad_s=0.0,
+    stall_current_a=0.0,
+    mass_kg=0.0,
+    ticks_per_turn=1 << 22,
+    center_tick=0,
+    velocity_unit_rad_s=1e-5,
+    duty_full=0,
+    p_divisor=1.0,
+    d_divisor=1.0,
+    velocity_p_divisor=1.0,
+    armature_kg_m2=0.0,
+    friction_loss_nm=0.0,
+    damping_nms_rad=0.0,
+    source="no servo: the joint's motor is the actuator of the body's MJCF; its counts are too fine to matter",
+)
+"""The joint of a rig that exists in simulation only."""

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from controller.products import Product
+from controller.products import IDEAL, Product
 
 
 @dataclass(frozen=True)
 class Joint:
     """Describe one servo joint.
+
+    The product of a joint without a servo is `IDEAL`; its register values are 0.
 
     Args:
         name: joint name, also the terminal of its angle and the name of its output
@@ -20,13 +22,18 @@ class Joint:
         product: the servo
         sign: +1 or -1, rig angle against encoder direction
         zero_tick: encoder ticks at angle 0
-        low_rad: lower limit of the angle [rad]
-        high_rad: upper limit of the angle [rad]
+        low_rad: lower limit of the angle, -inf for an unlimited joint [rad]
+        high_rad: upper limit of the angle, inf for an unlimited joint [rad]
         neutral_rad: angle at rest, where homing goes [rad]
         p_gain: position P gain register value that the loop writes and reads back
         i_gain: position I gain register value
         d_gain: position D gain register value
         pwm_limit: torque ceiling as the servo's own PWM limit register value
+        mode: what is commanded, the joint's angle or its velocity
+        unlimited: whether the joint may turn for ever
+        speed_rad_s_max: fastest velocity that may be commanded, for mode "velocity" [rad/s]
+        velocity_p_gain: velocity P gain register value, for mode "velocity"
+        velocity_i_gain: velocity I gain register value, for mode "velocity"
     """
 
     name: str
@@ -42,6 +49,16 @@ class Joint:
     i_gain: int
     d_gain: int
     pwm_limit: int
+    mode: Literal["position", "velocity"] = "position"
+    unlimited: bool = False
+    speed_rad_s_max: float = 0.0
+    velocity_p_gain: int = 0
+    velocity_i_gain: int = 0
+
+    @property
+    def ideal(self) -> bool:
+        """Return whether no servo drives it, but the actuator of the body's MJCF."""
+        return self.product == IDEAL
 
 
 @dataclass(frozen=True)
@@ -49,10 +66,11 @@ class Sensor:
     """Describe one channel of the sensor node.
 
     Args:
-        name: channel name; "x", "y", "z", "heading", "roll", "pitch" are the base pose, "force" the base contact force
+        name: channel name; "x", "y", "z", "heading", "roll", "pitch" are the base pose, "vx", "vy", "vz" the base's
+            velocity along its heading, to its left and up, "force" the base contact force
         message: letter of the line that carries it, as ``F`` in ``$F,<seq>,<t_us>,<raw…>*HH``
         field: position among the raw integers of that line, from 0
-        unit: "N", "m" or "rad"
+        unit: "N", "m", "m/s" or "rad"
         scale: SI per count
         zero: counts at 0 SI
         rate_hz: how often the node sends that line; it samples at multiples of 1 / rate_hz from t = 0
@@ -78,12 +96,12 @@ class Bus:
     """Describe the servo bus.
 
     Args:
-        protocol: wire protocol
-        baud: bits per second
+        protocol: wire protocol; "none": the rig exists in simulation only
+        baud: bits per second; 0 without a bus
         return_delay_us: status return delay of every servo, as its EEPROM must hold [us]
     """
 
-    protocol: Literal["dynamixel-2.0"]
+    protocol: Literal["dynamixel-2.0", "none"]
     baud: int
     return_delay_us: int
 
@@ -129,12 +147,13 @@ class Rig:
         path: the file it came from
         body: the MJCF beside it
         period_s: control period [s]
-        supply_v: supply voltage of the servos [V]
+        supply_v: supply voltage of the servos, 0 without servos [V]
         bus: the servo bus
         safety: limits and policies
         joints: in bus order, (njoint,)
         sensors: in raw-channel order, (nsensor,)
         text: the file's own text, to be embedded in logs
+        facing: joint whose angle turns the direction that the rig looks in from the heading, or None
     """
 
     name: str
@@ -147,8 +166,14 @@ class Rig:
     joints: tuple[Joint, ...]
     sensors: tuple[Sensor, ...]
     text: str
+    facing: str | None = None
 
     @property
     def nraw(self) -> int:
         """Return the number of raw channels."""
         return 3 * len(self.joints) + len(self.sensors)
+
+    @property
+    def simulated_only(self) -> bool:
+        """Return whether it has no bus: nobody can build it."""
+        return self.bus.protocol == "none"

@@ -9,29 +9,21 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Final, Literal, cast
 
-import numpy as np
-
-from controller.cycle import COUNT_MAX
 from controller.errors import InputError
-from controller.operations import BY_NAME
-from controller.products import PRODUCTS
 from controller.registers import X330_BAUD, registers
-from controller.rig import Bus, Joint, Rig, Safety, Sensor
+from controller.rig import Bus, Joint, Rig, Safety
+from controller.rig_joints import PROTOCOL_FAMILIES, read_joints
+from controller.rig_sensors import read_sensors
 from controller.toml_table import Table, parse_toml, read_toml
 
 RAW_CHANNEL_MAX: Final = 128
 """`SV_RAW_MAX` of `runtime/sv_cycle.h`."""
 
-DERIVED_TERMINALS: Final = ("t", "goal_dist", "px", "py", "pz", "goal_met", "heading_error")
-"""Terminals that the control cycle computes: no joint or sensor may take their names."""
-
-SENSOR_UNITS: Final = {"x": "m", "y": "m", "z": "m", "heading": "rad", "roll": "rad", "pitch": "rad", "force": "N"}
-"""Channels with a meaning of their own, and the unit that each must have."""
-
 # bytes of Dynamixel 2.0 packets with nothing in them, and of the blocks that are read and written in every period
 _SYNC_BYTES, _STATUS_BYTES, _STATE_BYTES, _GOAL_BYTES = 14, 11, 10, 4
 
-_PROTOCOL_FAMILIES: Final = {"dynamixel-2.0": ("dynamixel-x330",)}
+_NO_BUS: Final = Bus(protocol="none", baud=0, return_delay_us=0)
+_NO_SAFETY: Final = Safety("off", 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0)
 
 
 def rig_names() -> tuple[str, ...]:
@@ -80,6 +72,25 @@ def parse_rig(text: str, path: Path) -> Rig:
     return _rig(parse_toml(text, str(path), "rig file"), path, body_needed=False)
 
 
+def require_bus(rig: Rig, purpose: str) -> None:
+    """Refuse a rig that exists in simulation only.
+
+    Args:
+        rig: the rig
+        purpose: what needs a bus, as the error names it
+
+    Raises:
+        InputError: the rig has no bus
+    """
+    if rig.simulated_only:
+        buildable = {name: path for name, path in _shipped().items() if not load_rig(name).simulated_only}
+        beside = [name for name, path in buildable.items() if path.parent == rig.path.parent]
+        raise InputError(
+            f"rig {rig.name}: exists in simulation only, and {purpose} needs a bus; "
+            f"choose a rig that can be built, as {min(beside or buildable)}"
+        )
+
+
 def _shipped() -> dict[str, Path]:
     folder = Path(__file__).resolve().parent.parent / "sim_models"
     suffix = ".rig.toml"
@@ -89,19 +100,25 @@ def _shipped() -> dict[str, Path]:
 def _rig(top: Table, path: Path, body_needed: bool) -> Rig:
     top.refuse_unknown(("format", "rig", "bus", "safety", "joint", "sensor"))
     head = top.table("rig")
-    head.refuse_unknown(("name", "body", "period_s", "supply_v"))
+    head.refuse_unknown(("name", "body", "period_s", "supply_v", "facing"))
     name = head.name_value("name")
     body = path.parent / head.text_value("body")
     if body_needed and not body.is_file():
         head.fail("body", f"body '{head.values['body']}' is not a file beside the rig file; name the MJCF there")
     period_s = head.positive("period_s", 1.0)
-    supply_v = head.positive("supply_v")
     bus = _bus(top.table("bus"))
-    joints = _joints(top, bus)
-    _check_supply(head, joints)
-    _check_traffic(head, bus, len(joints), period_s)
-    safety = _safety(top.table("safety"), period_s, supply_v, joints)
-    sensors = _sensors(top, joints)
+    joints = read_joints(top, bus)
+    if bus.protocol == "none":
+        supply_v, safety = 0.0, _NO_SAFETY
+        for table, key in ((head, "supply_v"), (top, "safety")):
+            if key in table.values:
+                table.fail(key, f"{key} means nothing to a rig without a bus; remove it")
+    else:
+        supply_v = head.positive("supply_v")
+        _check_supply(head, joints)
+        _check_traffic(head, bus, len(joints), period_s)
+        safety = _safety(top.table("safety"), period_s, supply_v, joints)
+    sensors = read_sensors(top, joints, period_s if bus.protocol == "none" else None)
     if 3 * len(joints) + len(sensors) > RAW_CHANNEL_MAX:
         top.fail(None, f"joints and sensors make more than {RAW_CHANNEL_MAX} raw channels; remove some")
     return Rig(
@@ -115,12 +132,22 @@ def _rig(top: Table, path: Path, body_needed: bool) -> Rig:
         joints=joints,
         sensors=sensors,
         text=top.text,
+        facing=_facing(head, joints),
     )
+
+
+def _facing(head: Table, joints: Sequence[Joint]) -> str | None:
+    return head.text_value("facing", [joint.name for joint in joints]) if "facing" in head.values else None
 
 
 def _bus(table: Table) -> Bus:
     table.refuse_unknown(field.name for field in fields(Bus))
-    protocol = cast(Literal["dynamixel-2.0"], table.text_value("protocol", _PROTOCOL_FAMILIES))
+    protocol = cast(Literal["dynamixel-2.0", "none"], table.text_value("protocol", PROTOCOL_FAMILIES))
+    if protocol == "none":
+        for key in ("baud", "return_delay_us"):
+            if key in table.values:
+                table.fail(key, f'{key} means nothing with protocol = "none"; remove it')
+        return _NO_BUS
     baud = table.integer("baud", 1, 2**31 - 1)
     if baud not in X330_BAUD.values():
         offered = ", ".join(str(rate) for rate in X330_BAUD.values())
@@ -164,69 +191,6 @@ def _safety(table: Table, period_s: float, supply_v: float, joints: Sequence[Joi
     )
 
 
-def _joints(top: Table, bus: Bus) -> tuple[Joint, ...]:
-    tables = top.tables("joint")
-    if not tables:
-        top.fail(None, "there is no joint; add a table [[joint]] for each servo")
-    joints = tuple(_joint(table, bus) for table in tables)
-    _refuse_twice(tables, "name", [joint.name for joint in joints], "give each joint its own name")
-    _refuse_twice(tables, "mjcf_joint", [joint.mjcf_joint for joint in joints], "name each hinge once")
-    _refuse_twice(tables, "id", [joint.id for joint in joints], "give each servo its own id")
-    taken = {f"{joint.name}{suffix}" for joint in joints for suffix in ("_vel", "_load")}.union(DERIVED_TERMINALS)
-    for table, joint in zip(tables, joints, strict=True):
-        if joint.name in taken:
-            table.fail("name", f"name '{joint.name}' is the name of another terminal; choose another name")
-        if joint.name in BY_NAME or joint.name in ("list", "let", "last"):
-            table.fail("name", f"name '{joint.name}' is an operation of programs; choose another name")
-    return joints
-
-
-def _joint(table: Table, bus: Bus) -> Joint:
-    table.refuse_unknown(field.name for field in fields(Joint))
-    product = PRODUCTS[table.text_value("product", PRODUCTS)]
-    if product.family not in _PROTOCOL_FAMILIES[bus.protocol]:
-        table.fail("product", f"product '{product.name}' does not speak {bus.protocol}; choose another product")
-    sign = table.integer("sign", -(2**31), 2**31 - 1)
-    if sign not in (1, -1):
-        table.fail("sign", f"sign {sign} is neither 1 nor -1; write 1, or -1 where the encoder counts the other way")
-    zero_tick = table.integer("zero_tick", 0, product.ticks_per_turn - 1)
-    low = table.number("low_rad")
-    high = table.number("high_rad")
-    if low >= high:
-        table.fail("low_rad", f"low_rad {low:g} is not below high_rad {high:g}; exchange or correct them")
-    neutral = table.number("neutral_rad")
-    if not low <= neutral <= high:
-        table.fail("neutral_rad", f"neutral_rad {neutral:g} is outside {low:g} to {high:g}; move it inside the limits")
-    for key, angle in (("low_rad", low), ("high_rad", high)):
-        tick = zero_tick + sign * angle * product.ticks_per_turn / (2.0 * math.pi)
-        if not 0.0 <= tick <= product.ticks_per_turn - 1:
-            table.fail(
-                key,
-                f"{key} {angle:g} is encoder tick {tick:.0f}, across the wrap at 0 and {product.ticks_per_turn}; "
-                "narrow the limit, or mount the horn so that zero_tick is nearer to the middle",
-            )
-    lines = registers(product)
-
-    def register(key: str, name: str, low_count: int = 0) -> int:
-        return table.integer(key, low_count, lines[name].high)
-
-    return Joint(
-        name=table.name_value("name"),
-        mjcf_joint=table.name_value("mjcf_joint"),
-        id=table.integer("id", lines["id"].low, lines["id"].high),
-        product=product,
-        sign=sign,
-        zero_tick=zero_tick,
-        low_rad=low,
-        high_rad=high,
-        neutral_rad=neutral,
-        p_gain=register("p_gain", "position_p_gain", 1),
-        i_gain=register("i_gain", "position_i_gain"),
-        d_gain=register("d_gain", "position_d_gain"),
-        pwm_limit=register("pwm_limit", "pwm_limit", 1),
-    )
-
-
 def _check_supply(head: Table, joints: Sequence[Joint]) -> None:
     supply_v = head.values["supply_v"]
     for joint in joints:
@@ -252,67 +216,3 @@ def _check_traffic(head: Table, bus: Bus, njoint: int, period_s: float) -> None:
             f"period_s {period_s:g} is too short for its traffic of {1e3 * needed_s:.1f} ms at {bus.baud} bit/s; "
             "lengthen it, raise baud or lower return_delay_us",
         )
-
-
-def _sensors(top: Table, joints: Sequence[Joint]) -> tuple[Sensor, ...]:
-    tables = top.tables("sensor")
-    sensors = tuple(_sensor(table) for table in tables)
-    _refuse_twice(tables, "name", [sensor.name for sensor in sensors], "give each sensor its own name")
-    places = [f"{sensor.message} {sensor.field}" for sensor in sensors]
-    _refuse_twice(tables, "field", places, "give each sensor its own field of a message", "message and field")
-    terminals = [sensor.terminal for sensor in sensors]
-    _refuse_twice(tables, "terminal", terminals, "give each sensor its own terminal")
-    taken = {f"{joint.name}{suffix}" for joint in joints for suffix in ("", "_vel", "_load")}.union(DERIVED_TERMINALS)
-    for table, sensor in zip(tables, sensors, strict=True):
-        if sensor.terminal in taken:
-            table.fail("terminal", f"terminal '{sensor.terminal}' is the name of another terminal; choose another name")
-    for key in ("rate_hz", "latency_s"):
-        first: dict[str, float] = {}
-        for table, sensor in zip(tables, sensors, strict=True):
-            value: float = getattr(sensor, key)
-            if first.setdefault(sensor.message, value) != value:
-                table.fail(key, f"{key} {value:g} differs within message {sensor.message}; a line has one {key}")
-    return sensors
-
-
-def _sensor(table: Table) -> Sensor:
-    table.refuse_unknown(field.name for field in fields(Sensor))
-    name = table.name_value("name")
-    message = table.text_value("message")
-    if not (len(message) == 1 and "A" <= message <= "Z"):
-        table.fail("message", f'message {message!r} is not one capital letter; write the letter of the line, as "F"')
-    unit = table.text_value("unit", ("N", "m", "rad"))
-    if SENSOR_UNITS.get(name, unit) != unit:
-        table.fail("unit", f"unit '{unit}' does not fit a sensor named {name}; write \"{SENSOR_UNITS[name]}\"")
-    scale = table.number("scale")
-    with np.errstate(over="ignore"):
-        if not 0.0 < abs(np.float32(scale)) < math.inf:
-            table.fail("scale", f"scale {scale:g} is 0 or infinite as a float32; write the SI value of one count")
-    rate_hz = table.positive("rate_hz", 10000.0)
-    age_s_max = table.positive("age_s_max")
-    if age_s_max < 1.0 / rate_hz:
-        table.fail(
-            "age_s_max", f"age_s_max {age_s_max:g} is shorter than one line's interval; write at least {1 / rate_hz:g}"
-        )
-    return Sensor(
-        name=name,
-        message=message,
-        field=table.integer("field", 0, 31),
-        unit=unit,
-        scale=scale,
-        zero=table.integer("zero", 1 - COUNT_MAX, COUNT_MAX - 1),
-        rate_hz=rate_hz,
-        latency_s=table.number("latency_s", 0.0, 1.0),
-        age_s_max=age_s_max,
-        terminal=table.name_value("terminal") if "terminal" in table.values else None,
-    )
-
-
-def _refuse_twice(
-    tables: Sequence[Table], key: str, values: Sequence[object], remedy: str, called: str | None = None
-) -> None:
-    seen: set[object] = set()
-    for table, value in zip(tables, values, strict=True):
-        if value is not None and value in seen:
-            table.fail(key, f"{called or key} {value} is used twice; {remedy}")
-        seen.add(value)

@@ -6,11 +6,15 @@ import difflib
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 from controller.controller import Controller
 from controller.errors import InputError
 from controller.registers import registers
 from controller.rig import Joint, Rig, Sensor
+
+IDEAL_LOAD_COUNTS: Final = 1_000_000
+"""Load counts of an ideal joint at its motor's limit."""
 
 
 class TerminalKind(IntEnum):
@@ -139,7 +143,8 @@ def _joint_terminals(rig: Rig, index: int) -> list[TerminalSpec]:
     njoint = len(rig.joints)
     velocity = joint.sign * joint.product.velocity_unit_rad_s
     # the X330's load is its current, full scale its current limit
-    load = joint.sign / registers(joint.product)["current_limit"].high
+    full = IDEAL_LOAD_COUNTS if joint.ideal else registers(joint.product)["current_limit"].high
+    load = joint.sign / full
     raw = TerminalKind.RAW
     return [
         TerminalSpec(joint.name, raw, "rad", index, joint.zero_tick, joint_scale(joint)),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from controller.errors import InputError
 from controller.rig import Rig
 from deploy.clock import LockstepClock, RealClock
+from deploy.drivable import require_drivable
 from deploy.dynamixel_bus import DynamixelBus
 from deploy.period import Connection
 from deploy.port import SerialPort
@@ -56,8 +57,9 @@ def connect_ports(rig: Rig, port: str, sensor_port: str | None, stop: Callable[[
         the connection
 
     Raises:
-        InputError: if a port is missing, can not be opened or is in use
+        InputError: the rig has no bus that can be driven, or a port is missing, can not be opened or is in use
     """
+    require_drivable(rig)
     if rig.sensors and sensor_port is None:
         raise InputError(f"rig {rig.name}: it has a sensor node; name its port with --sensor-port")
     with ExitStack() as stack:

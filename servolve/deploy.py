@@ -21,6 +21,7 @@ from controller.errors import InputError, RunError
 from controller.native import pack_cycle
 from deploy.checks import Finding, check_controller
 from deploy.connection import connect_ports, connect_virtual
+from deploy.drivable import require_drivable
 from deploy.host_loop import Outcome, RunOptions, run_controller
 from deploy.log import RunLog
 from deploy.log_topics import FORMAT
@@ -84,6 +85,7 @@ def deploy(
     """
     program = load_controller(controller)
     about = load_rig(rig)
+    require_drivable(about)
     virtual = port == VIRTUAL
     _check_arguments(virtual, goal, seconds, derate, bool(twin or fault or seed), sensor_port, real_time)
     if seed < 0:

@@ -32,8 +32,8 @@ def list_rigs(*, as_json: Annotated[bool, Parameter(name="--json", negative=())]
         return 0
     width = max(len(rig.name) for rig in rigs)
     for rig in rigs:
-        servos = ", ".join(_servos(rig))
-        print(f"{rig.name:{width}}  {_title(rig)}: {len(rig.joints)} x {servos}; {rig.path}")
+        servos = "simulation only" if rig.simulated_only else f"{len(rig.joints)} x {', '.join(_servos(rig))}"
+        print(f"{rig.name:{width}}  {_title(rig)}: {servos}; {rig.path}")
     return 0
 
 
@@ -111,5 +111,6 @@ def _describe(rig: Rig) -> dict[str, object]:
         "joints": [joint.name for joint in rig.joints],
         "sensors": [sensor.name for sensor in rig.sensors],
         "period_s": rig.period_s,
+        "simulated_only": rig.simulated_only,
         "baud": rig.bus.baud,
     }

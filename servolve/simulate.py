@@ -14,6 +14,7 @@ from rich.table import Table
 
 from controller import Controller, Rig, controller_text, load_controller, load_rig
 from controller.errors import InputError, RunError
+from controller.rig_file import require_bus
 
 if TYPE_CHECKING:
     from deploy.virtual.twin import Twin
@@ -64,6 +65,8 @@ def simulate(
     if not about.period_s <= length <= 600.0:
         raise InputError(f"--seconds {length:g}: is not between {about.period_s:g} and 600; give another length")
     console = Console(stderr=True)
+    if twin is not None:
+        require_bus(about, "a twin")
     other = _load_twin(twin)
     run = _run(program, about, goal, length, timestep, other, console)
     status = int(run.statistics["status"])

@@ -1,7 +1,8 @@
 """Bodies: an MJCF file and the servos of its rig, compiled to a MuJoCo model.
 
 What a body's MJCF must name: the body ``base`` with the free joint ``root``; the joints of the rig; geoms ``foot…``
-(spheres, part of the base), ``head…`` and ``servo_<joint>``; and, for films, the mocap body ``goal``.
+(spheres, part of the base), ``head…`` and ``servo_<joint>``; and, for films, the mocap body ``goal``. A body of ideal
+joints also has an actuator with the name of each: ``<position>`` or ``<velocity>`` with its ``forcerange``.
 """
 
 from __future__ import annotations
@@ -15,14 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from controller.errors import InputError
-from controller.rig import Rig
-from sim_models.servo import servo_parameters, set_servo
+from controller.rig import Joint, Rig
+from sim_models.servo import joint_parameters, set_servo
 
 Form: TypeAlias = Literal["free", "planar"]
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 SETTLE_S = 1.0
 """How long a body stands at its neutral pose before a run [s]."""
+
+_HOLD_S = 0.1  # in which a joint in velocity mode is moved back to its neutral angle while the body settles
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +75,7 @@ def build_model(rig: Rig, *, form: Form = "free", timestep_s: float = 0.002, lea
         lean: keep only what rollouts read: no sensors, cameras, lights or visual geoms
 
     Returns:
-        The model; its actuators are the rig's joints in order, driven by goal angles [rad].
+        The model; its actuators have the names of the rig's joints, driven by goal angles [rad] or rates [rad/s].
 
     Raises:
         InputError: the body's MJCF cannot be read or lacks what the rig names.
@@ -86,7 +89,7 @@ def build_model(rig: Rig, *, form: Form = "free", timestep_s: float = 0.002, lea
         raise InputError(
             f"{rig.body}: there is no body 'base' with a free joint 'root'; name the base and its joint so"
         )
-    _add_servos(spec, rig)
+    _add_motors(spec, rig)
     if form == "planar":
         _make_planar(spec)
     if lean:
@@ -99,8 +102,11 @@ def build_model(rig: Rig, *, form: Form = "free", timestep_s: float = 0.002, lea
     except ValueError as error:
         raise InputError(f"{rig.body}: MuJoCo cannot compile this body ({_one_line(error)}); correct it") from error
     for joint in rig.joints:
-        parameters = servo_parameters(joint.product, joint.p_gain, joint.d_gain, joint.pwm_limit, rig.supply_v)
-        set_servo(model, model.actuator(joint.name).id, parameters)
+        motor = model.actuator(joint.name).id
+        if joint.ideal:
+            _check_ideal(model, motor, rig, joint)
+        else:
+            set_servo(model, motor, joint_parameters(joint, rig.supply_v))
     return model
 
 
@@ -169,10 +175,19 @@ def settled_data(model: mujoco.MjModel, rig: Rig) -> mujoco.MjData:
     """
     data = mujoco.MjData(model)
     layout = body_layout(model, rig)
-    neutral = [joint.neutral_rad for joint in rig.joints]
+    neutral = np.array([joint.neutral_rad for joint in rig.joints])
+    velocity = np.array([joint.mode == "velocity" for joint in rig.joints])
     data.qpos[layout.qpos] = neutral
-    data.ctrl[layout.actuator] = neutral
-    mujoco.mj_step(model, data, round(SETTLE_S / model.opt.timestep))
+    data.ctrl[layout.actuator] = np.where(velocity, 0.0, neutral)
+    if velocity.any():
+        # a motor told to stand would sink a little: a person would hold the joint at its angle
+        for _ in range(round(SETTLE_S / model.opt.timestep)):
+            away = neutral - data.qpos[layout.qpos]
+            data.ctrl[layout.actuator] = np.where(velocity, away / _HOLD_S, neutral)
+            mujoco.mj_step(model, data)
+        data.ctrl[layout.actuator] = np.where(velocity, 0.0, neutral)
+    else:
+        mujoco.mj_step(model, data, round(SETTLE_S / model.opt.timestep))
     data.qvel[:] = 0.0
     data.qacc_warmstart[:] = 0.0
     data.time = 0.0
@@ -271,8 +286,8 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _add_servos(spec: mujoco.MjSpec, rig: Rig) -> None:
-    """Add a motor for each joint and give joint and servo geom the product's numbers."""
+def _add_motors(spec: mujoco.MjSpec, rig: Rig) -> None:
+    """Find the hinge of each joint; add a motor and give joint and servo geom the product's numbers, if it has one."""
     for index, joint in enumerate(rig.joints):
         hinge = spec.joint(joint.mjcf_joint)
         if hinge is None:
@@ -280,29 +295,61 @@ def _add_servos(spec: mujoco.MjSpec, rig: Rig) -> None:
             raise InputError(
                 f"{rig.path}: joint {joint.name}: {rig.body.name} has no hinge {joint.mjcf_joint!r}; it has {known}"
             )
-        if joint.i_gain != 0:
+        stated = spec.actuator(joint.name)
+        if joint.ideal and (stated is None or stated.target != joint.mjcf_joint):
             raise InputError(
-                f"{rig.path}: joint {joint.name}: i_gain: simulated servos have no integrator; set it to 0"
+                f"{rig.path}: joint {joint.name}: {rig.body.name} has no actuator {joint.name!r} on the hinge "
+                f"{joint.mjcf_joint!r}; write a <{joint.mode}> of that name there, with its forcerange"
             )
-        product = joint.product
-        hinge.armature = product.armature_kg_m2
-        hinge.frictionloss = product.friction_loss_nm
-        hinge.damping = [product.damping_nms_rad, 0.0, 0.0]
-        case = spec.geom(f"servo_{joint.mjcf_joint}")
-        if case is not None:
-            case.mass = product.mass_kg
-        motor = spec.add_actuator(name=joint.name, target=joint.mjcf_joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        nominal = [product.voltage_v, product.stall_torque_nm, product.no_load_speed_rad_s]
-        # the numbers of the rig's own registers follow after compilation
-        motor.set_to_dcmotor(
-            [0.0, 0.0],
-            0.0,
-            nominal=nominal,
-            saturation=[product.stall_torque_nm, 0.0, 0.0],
-            controller=[1.0, 0.0, 0.0, 0.0, 0.0, product.voltage_v],
-            ctrlspec=int(mujoco.mjtCtrlInput.mjINPUT_POS),
+        if joint.ideal:
+            continue
+        for key in ("i_gain", "velocity_i_gain"):
+            if getattr(joint, key) != 0:
+                raise InputError(
+                    f"{rig.path}: joint {joint.name}: {key}: simulated servos have no integrator; set it to 0"
+                )
+        _add_servo(spec, hinge, joint).group = index
+
+
+def _add_servo(spec: mujoco.MjSpec, hinge: mujoco.MjsJoint, joint: Joint) -> mujoco.MjsActuator:
+    """Add a joint's servo, and give its hinge and case the product's numbers."""
+    product = joint.product
+    hinge.armature = product.armature_kg_m2
+    hinge.frictionloss = product.friction_loss_nm
+    hinge.damping = [product.damping_nms_rad, 0.0, 0.0]
+    case = spec.geom(f"servo_{joint.mjcf_joint}")
+    if case is not None:
+        case.mass = product.mass_kg
+    motor = spec.add_actuator(name=joint.name, target=joint.mjcf_joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    inputs = mujoco.mjtCtrlInput.mjINPUT_POS if joint.mode == "position" else mujoco.mjtCtrlInput.mjINPUT_VEL
+    gains = [1.0, 0.0, 0.0] if joint.mode == "position" else [0.0, 0.0, 1.0]
+    # the numbers of the rig's own registers follow after compilation
+    motor.set_to_dcmotor(
+        [0.0, 0.0],
+        0.0,
+        nominal=[product.voltage_v, product.stall_torque_nm, product.no_load_speed_rad_s],
+        saturation=[product.stall_torque_nm, 0.0, 0.0],
+        controller=[*gains, 0.0, 0.0, product.voltage_v],
+        ctrlspec=int(inputs),
+    )
+    return motor
+
+
+def _check_ideal(model: mujoco.MjModel, motor: int, rig: Rig, joint: Joint) -> None:
+    """Refuse an actuator that is no spring-damper to an angle or no damper to a rate, or that has no limit."""
+    gain, (_, spring, damper) = float(model.actuator_gainprm[motor, 0]), model.actuator_biasprm[motor, :3].tolist()
+    expected = gain > 0.0 and ((spring, damper)[joint.mode == "velocity"] == -gain)
+    if not expected or (joint.mode == "velocity" and spring != 0.0):
+        raise InputError(
+            f"{rig.path}: joint {joint.name}: mode: the actuator {joint.name!r} of {rig.body.name} takes no "
+            f"{joint.mode}; make it a <{joint.mode}>, or change the mode"
         )
-        motor.group = index
+    low, high = model.actuator_forcerange[motor].tolist()
+    if not model.actuator_forcelimited[motor] or low != -high or high <= 0.0:
+        raise InputError(
+            f"{rig.path}: joint {joint.name}: the actuator {joint.name!r} of {rig.body.name} has no forcerange that is "
+            "the same both ways; write one"
+        )
 
 
 def _make_planar(spec: mujoco.MjSpec) -> None:

@@ -43,15 +43,18 @@ def raw_encoders(rig: Rig) -> Array[SvTerminal]:
     return (SvTerminal * rig.nraw)(*(SvTerminal(kind, i, zero, scale) for i, (zero, scale) in enumerate(scales)))
 
 
-def full_load_torque(joint: Joint) -> float:
-    """Return the torque that a servo reports as a load of 1: that of its current limit.
+def full_load_torque(joint: Joint, motor_limit_nm: float) -> float:
+    """Return the torque that reads as a load of 1: a servo's at its current limit, an ideal motor's own limit.
 
     Args:
         joint: the joint
+        motor_limit_nm: largest torque of its motor in the model [N m]
 
     Returns:
         The torque [N m].
     """
+    if joint.ideal:
+        return motor_limit_nm
     limit = registers(joint.product)["current_limit"]
     return joint.product.stall_torque_nm * limit.high * limit.scale / joint.product.stall_current_a
 

@@ -311,7 +311,8 @@ class RolloutPool:
         setup.head[: len(layout.head_geoms)] = layout.head_geoms.tolist()
         for index, joint in enumerate(rig.joints):
             setup.neutral[index] = joint.neutral_rad
-            setup.torque_max[index] = full_load_torque(joint)
+            limit_nm = float(self._model.actuator_forcerange[layout.actuator[index], 1])
+            setup.torque_max[index] = full_load_torque(joint, limit_nm)
             setup.qpos[index] = layout.qpos[index]
             setup.dof[index] = layout.dof[index]
             setup.actuator[index] = layout.actuator[index]

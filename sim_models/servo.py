@@ -4,19 +4,23 @@ The servo is a position loop around PWM: ``duty = P * error - D * rate``, limite
 ``duty * supply`` into torque against its own back-EMF, ``torque = K / R * (voltage - K * rate)``. MuJoCo's motor has a
 current-mode driver that cancels the back-EMF; the ``K**2 / R`` inside `ServoParameters.kd` undoes the cancellation.
 
+In velocity mode ``duty = P * (goal rate - rate)``; `ServoParameters.input_scale` of the goal rate goes into the motor,
+because its ``kd`` holds the back-EMF's share too.
+
 The simulated body and the virtual servo both get their numbers here.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from controller.products import Product
+from controller.rig import Joint
 
 # where MuJoCo's dcmotor keeps its parameters in a row of actuator_gainprm
 _RESISTANCE, _MOTOR_CONSTANT, _KP, _KI, _KD, _VOLTAGE_MAX = 0, 1, 4, 5, 6, 7
@@ -33,6 +37,7 @@ class ServoParameters:
         kd: torque per rate, with the K**2 / R that restores the back-EMF [N m s/rad]
         voltage_max: drive voltage at the PWM limit [V]
         torque_max: largest torque either way, the stall torque at this supply [N m]
+        input_scale: what the motor's input is over the servo's goal
     """
 
     resistance: float
@@ -41,6 +46,7 @@ class ServoParameters:
     kd: float
     voltage_max: float
     torque_max: float
+    input_scale: float = 1.0
 
 
 def servo_parameters(
@@ -78,6 +84,47 @@ def servo_parameters(
         voltage_max=limit * voltage_v,
         torque_max=product.stall_torque_nm * torque_scale * voltage_v / product.voltage_v,
     )
+
+
+def velocity_parameters(
+    product: Product, p_gain: int, pwm_limit: int, voltage_v: float, torque_scale: float = 1.0
+) -> ServoParameters:
+    """Return the motor of a servo in velocity mode whose registers hold these values.
+
+    The integral gain must be 0: the model has no integrator.
+
+    Args:
+        product: the servo
+        p_gain: velocity P gain register
+        pwm_limit: PWM limit register, 0 to `product.duty_full`
+        voltage_v: supply voltage [V]
+        torque_scale: the servo's stall torque over the datasheet's, at the same no-load speed
+
+    Returns:
+        The parameters for `set_servo`.
+    """
+    motor = servo_parameters(product, 0, 0, pwm_limit, voltage_v, torque_scale)
+    k, r = motor.motor_constant, motor.resistance
+    volts = p_gain / product.velocity_p_divisor / product.duty_full / product.velocity_unit_rad_s * voltage_v
+    volts = volts if pwm_limit > 0 else 0.0
+    return replace(motor, kd=k / r * (volts + k), input_scale=volts / (volts + k))
+
+
+def joint_parameters(joint: Joint, voltage_v: float, torque_scale: float = 1.0) -> ServoParameters:
+    """Return the motor of a rig's servo joint.
+
+    Args:
+        joint: the joint, with its registers
+        voltage_v: supply voltage [V]
+        torque_scale: the servo's stall torque over the datasheet's, at the same no-load speed
+
+    Returns:
+        The parameters for `set_servo`.
+    """
+    product = joint.product
+    if joint.mode == "velocity":
+        return velocity_parameters(product, joint.velocity_p_gain, joint.pwm_limit, voltage_v, torque_scale)
+    return servo_parameters(product, joint.p_gain, joint.d_gain, joint.pwm_limit, voltage_v, torque_scale)
 
 
 def set_servo(model: mujoco.MjModel, actuator_id: int, parameters: ServoParameters) -> None:

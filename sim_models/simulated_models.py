@@ -13,7 +13,7 @@ from controller.rig import Rig
 from sim_models.body import body_layout
 from sim_models.native_rollouts import BatchConfig, mujoco_library
 from sim_models.perturbations import Perturbations
-from sim_models.servo import servo_parameters, write_servo
+from sim_models.servo import joint_parameters, write_servo
 
 
 class SimulatedModels:
@@ -72,6 +72,8 @@ class SimulatedModels:
         gain, force = self._servo_rows(perturbations)
         self._field("actuator_gainprm")[:n] = gain[rows]
         self._field("actuator_forcerange")[:n] = force[rows]
+        if any(joint.ideal for joint in self._rig.joints):
+            self._field("actuator_biasprm")[:n] = self._ideal_bias(perturbations)[rows]
         if "body_mass" in self._expanded or np.any(perturbations.mass != 1.0):
             self._field("body_mass")[:n] = model.body_mass * perturbations.mass[rows, None]
             self._field("body_inertia")[:n] = model.body_inertia * perturbations.mass[rows, None, None]
@@ -89,11 +91,23 @@ class SimulatedModels:
             for joint, actuator, torque in zip(self._rig.joints, actuators, perturbations.torque[row], strict=True):
                 if perturbations.voltage[row] == 1.0 and torque == 1.0:
                     continue  # the model's own motor, which a twin may have changed
-                parameters = servo_parameters(
-                    joint.product, joint.p_gain, joint.d_gain, joint.pwm_limit, voltage, float(torque)
-                )
-                write_servo(gain[row, actuator], force[row, actuator], parameters)
+                if joint.ideal:
+                    gain[row, actuator] *= torque * perturbations.voltage[row]
+                    force[row, actuator] *= torque * perturbations.voltage[row]
+                else:
+                    parameters = joint_parameters(joint, voltage, float(torque))
+                    write_servo(gain[row, actuator], force[row, actuator], parameters)
         return gain, force
+
+    def _ideal_bias(self, perturbations: Perturbations) -> npt.NDArray[np.float64]:
+        """Return spring and damper of every perturbed rig's ideal motors, as weak as their gain: (nrow, nu, 10)."""
+        bias = np.repeat(self._model.actuator_biasprm[None], len(perturbations), 0)
+        actuators = body_layout(self._model, self._rig).actuator
+        for place, (joint, actuator) in enumerate(zip(self._rig.joints, actuators, strict=True)):
+            if joint.ideal:
+                scale = perturbations.torque[:, place] * perturbations.voltage
+                bias[:, actuator] *= scale[:, None]
+        return bias
 
     def _field(self, name: str) -> npt.NDArray[np.float64]:
         """Return a model field's values of every simulation, (capacity, …)."""

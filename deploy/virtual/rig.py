@@ -16,6 +16,7 @@ import numpy as np
 
 from controller.registers import X330_BAUD
 from controller.rig import Joint, Rig
+from deploy.drivable import require_drivable
 from deploy.virtual.bus import VirtualBus
 from deploy.virtual.eeprom_file import load_eeprom, save_eeprom
 from deploy.virtual.faults import Fault, check_faults
@@ -61,6 +62,7 @@ class VirtualRig:
             np.random.Generator(np.random.Philox(key)) for key in np.random.SeedSequence(seed).spawn(3)
         )
         self._now_ns = 0
+        require_drivable(rig)
         self._plant = Plant(rig, self.twin, start)
         self._supply_v = self._plant.supply_v
         self._eeprom_path = eeprom_path
