@@ -80,6 +80,25 @@ class Evaluation:
         return self.main + phase * self.style
 
 
+def spread(evaluation: Evaluation, simulated: npt.NDArray[np.bool_]) -> Evaluation:
+    """Give whoever was not simulated a place: no condition met, and the worst of all results.
+
+    Args:
+        evaluation: how those did that were simulated, in order
+        simulated: whether each was, (population,)
+
+    Returns:
+        how all did
+    """
+    nobody = {"main": np.inf, "style": 0.0, "met": 0, "hits": 0, "passed": 0, "peak_torque": np.inf}
+    columns = {}
+    for name, value in nobody.items():
+        known = getattr(evaluation, name)
+        columns[name] = np.full(len(simulated), value, known.dtype)
+        columns[name][simulated] = known
+    return Evaluation(**columns)
+
+
 @dataclass(frozen=True)
 class Race:
     """Say who meets all conditions.

@@ -12,9 +12,10 @@ import numpy.typing as npt
 from controller import Controller, lower, program_hash
 from evolve.conditions import Conditions, draw_conditions
 from evolve.engine import Choose, Engine, Individual
-from evolve.evaluate import Cache, Evaluation, Race, evaluate
-from evolve.selection import ranks, tournament
-from evolve.settings import Settings
+from evolve.evaluate import Cache, Evaluation, Race, evaluate, spread
+from evolve.objectives import pareto_ranks, points
+from evolve.selection import bucket_ranks, condemned, ranks, roulette, shares, smaller_of_two, tournament
+from evolve.settings import Settings, asked_objectives
 from evolve.streams import Stream, generator
 from evolve.task import Task
 from sim_models.rollouts import RolloutPool
@@ -46,11 +47,16 @@ class Generation:
     nodes: npt.NDArray[np.int64]
     rank: npt.NDArray[np.int64]
 
+    @property
+    def complete(self) -> npt.NDArray[np.bool_]:
+        """Return who met all conditions, (population,)."""
+        return self.evaluation.met == len(self.conditions)
+
     def best(self, count: int) -> list[int]:
         """Return the best individuals of different programs that met all conditions, best first."""
         found: dict[str, int] = {}
         for index in np.argsort(self.rank).tolist():
-            if self.evaluation.met[index] == len(self.conditions):
+            if self.complete[index]:
                 found.setdefault(self.programs[index], index)
         return list(found.values())[:count]
 
@@ -93,7 +99,14 @@ def ask(engine: Engine, settings: Settings, seed: int, before: Generation | None
 
 def _chooser(settings: Settings, before: Generation) -> Choose:
     """Return how a parent is drawn from a generation."""
-    return lambda rng: tournament(rng, before.rank, settings.tournament)
+    if settings.selection == "proportionate":
+        wheel = np.cumsum(shares(before.evaluation.fitness(before.phase), before.complete))
+        choose: Choose = lambda rng: roulette(rng, wheel)  # noqa: E731
+    else:
+        choose = lambda rng: tournament(rng, before.rank, settings.tournament)  # noqa: E731
+    if settings.parsimony == "double":
+        return lambda rng: smaller_of_two(rng, choose, before.nodes, settings.double_size)
+    return choose
 
 
 def tell(
@@ -129,13 +142,54 @@ def tell(
     cache.forget_others(conditions.keys)
     controllers = [controller_of(engine, template, individual) for individual in population]
     programs = [program_hash(controller.program) for controller in controllers]
+    nodes = np.array([engine.nodes(individual) for individual in population], np.int64)
     phase = phase_of(number, settings.generations)
     race = Race(settings.race_goals, settings.race_share, phase)
-    evaluation = evaluate(task, pool, controllers, programs, conditions, cache, race, remember=settings.cache)
-    complete = evaluation.met == len(conditions)
-    nodes = np.array([engine.nodes(individual) for individual in population], np.int64)
-    rank = ranks(evaluation.fitness(phase), complete, nodes)
+    simulated = _simulated(settings, seed, number, population, nodes)
+    some = np.flatnonzero(simulated).tolist()
+    evaluation = spread(
+        evaluate(
+            task,
+            pool,
+            [controllers[index] for index in some],
+            [programs[index] for index in some],
+            conditions,
+            cache,
+            race,
+            remember=settings.cache,
+        ),
+        simulated,
+    )
+    rank = _ranks(settings, evaluation, evaluation.met == len(conditions), phase, nodes, controllers)
     return Generation(number, population, controllers, programs, conditions, phase, evaluation, nodes, rank)
+
+
+def _simulated(
+    settings: Settings, seed: int, number: int, population: Sequence[Individual], nodes: npt.NDArray[np.int64]
+) -> npt.NDArray[np.bool_]:
+    """Return who is simulated: everyone, or under Tarpeian control all but some of the larger; the elite always is."""
+    if settings.parsimony != "tarpeian":
+        return np.ones(len(population), np.bool_)
+    elite = np.array([individual.operator == "elite" for individual in population])
+    return elite | ~condemned(generator(seed, Stream.PARSIMONY, number), nodes, settings.tarpeian_share)
+
+
+def _ranks(
+    settings: Settings,
+    evaluation: Evaluation,
+    complete: npt.NDArray[np.bool_],
+    phase: float,
+    nodes: npt.NDArray[np.int64],
+    controllers: Sequence[Controller],
+) -> npt.NDArray[np.int64]:
+    """Rank a population as the settings ask."""
+    asked = asked_objectives(settings)
+    if asked:
+        programs = [controller.program for controller in controllers]
+        return pareto_ranks(points(asked, evaluation, phase, nodes, programs), complete)
+    if settings.parsimony == "lexicographic":
+        return bucket_ranks(evaluation.fitness(phase), complete, nodes, settings.parsimony_ratio)
+    return ranks(evaluation.fitness(phase), complete, nodes)
 
 
 def controller_of(engine: Engine, template: Controller, individual: Individual) -> Controller:

@@ -18,6 +18,7 @@ class Stream(IntEnum):
     DECISION = 3
     HELD_OUT = 4
     STATED = 5
+    PARSIMONY = 6
 
 
 def generator(seed: int, stream: Stream, generation: int = 0) -> np.random.Generator:

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.errors import InputError
-from evolve.conditions import draw_conditions, pick, poisson_disk
+from evolve.conditions import draw_conditions, pick, poisson_disk, stratified
 from evolve.decide import Candidate, who_hit_most
-from evolve.settings import Settings, apply_overrides
+from evolve.settings import OBJECTIVES, Settings, apply_overrides, asked_objectives, check, describe
 from evolve.streams import Stream, generator
 from sim_models.perturbations import nominal_perturbations
 
@@ -46,6 +46,13 @@ def test_overrides_are_read_as_the_type_of_their_setting():
         ("goal_low_m=0.7", "goal_low_m is above goal_high_m"),
         ("depth_max=5", "grow_depth_high is above depth_max"),
         ("elites=200000", "from 0 to"),
+        ("bearing_high_rad=-1", "bearing_low_rad is above bearing_high_rad"),
+        ("bearing_high_rad=6.3", "from -6.28319 to 6.28319"),
+        ("bearing_low_rad=-1", "set screen_form=free"),
+        ("selection=roulette", "tournament, proportionate"),
+        ("parsimony=occam", "none, lexicographic, tarpeian, double"),
+        ("objectives=speed", "give some of size,instructions,peak_torque"),
+        ("objectives=size,size", "give some of size"),
     ],
 )
 def test_wrong_overrides_are_refused_in_one_sentence(override, told):
@@ -122,3 +129,83 @@ def test_the_first_conditions_are_the_rig_as_its_file_states_it():
 def test_who_fails_on_the_rig_as_stated_is_out(hits, left):
     hall = [Candidate(0, 0, name, 1, None) for name in "abc"]
     assert "".join(c.program for c in who_hit_most(hall, np.array(hits))) == left
+
+
+@settings(derandomize=True, deadline=None)
+@given(seed=st.integers(0, 2**32), n=st.integers(1, 40), low=st.floats(-3, 3), width=st.floats(1e-3, 6))
+def test_directions_fill_equal_parts_of_their_range(seed, n, low, width):
+    drawn = np.sort(stratified(generator(seed, Stream.CONDITIONS), n, low, low + width))
+    edges = low + width * np.arange(n + 1) / n
+    assert np.all(edges[:-1] - 1e-12 <= drawn) and np.all(drawn <= edges[1:] + 1e-12)
+
+
+@settings(derandomize=True, deadline=None)
+@given(seed=st.integers(0, 2**32), n=st.integers(1, 40), low=st.floats(-3, 0))
+def test_directions_of_a_whole_turn_leave_none_out(seed, n, low):
+    drawn = np.sort(stratified(generator(seed, Stream.CONDITIONS), n, low, low + 2 * np.pi))
+    assert drawn[0] >= low and drawn[-1] <= low + 2 * np.pi + 1e-12
+    gaps = np.diff(drawn, append=drawn[0] + 2 * np.pi)
+    assert gaps.max() <= 2 * 2 * np.pi / n + 1e-9
+
+
+def test_directions_are_uniform_and_in_random_order():
+    rng = generator(1, Stream.CONDITIONS)
+    for low, high in ((-1.0, 2.0), (0.0, 2 * np.pi)):
+        drawn = np.array([stratified(rng, 4, low, high) for _ in range(3000)])
+        for sample in (drawn.ravel(), drawn[:, 0]):
+            share = np.histogram(sample, 8, (low, high))[0] / len(sample)
+            assert np.all(np.abs(share - 1 / 8) < 5 * np.sqrt(1 / 8 / len(sample))), share
+
+
+def test_a_single_direction_needs_no_chance():
+    rng = generator(1, Stream.CONDITIONS)
+    assert stratified(rng, 3, 0.5, 0.5).tolist() == [0.5] * 3
+    assert rng.random() == generator(1, Stream.CONDITIONS).random()
+
+
+def test_directions_come_after_everything_else():
+    ahead = draw_conditions(generator(1, Stream.CONDITIONS), Settings(), 6, 3)
+    numbers = Settings(bearing_low_rad=-np.pi, bearing_high_rad=np.pi, screen_form="free")
+    around = draw_conditions(generator(1, Stream.CONDITIONS), check(numbers, "test"), 6, 3)
+    assert not ahead.bearing_rad.any()
+    assert len(set(around.bearing_rad)) == 6
+    np.testing.assert_array_equal(ahead.goal_m, around.goal_m)
+    np.testing.assert_array_equal(ahead.perturbations.seed, around.perturbations.seed)
+    assert not set(ahead.keys) & set(around.keys)
+
+
+def test_draws_of_older_runs_are_as_they_were():
+    drawn = draw_conditions(generator(1, Stream.CONDITIONS, 3), Settings(), 2, 3)
+    assert drawn.goal_m.tolist() == [0.1452767137017012, 0.43894130379916674]
+    assert drawn.perturbations.friction.tolist() == [0.8607289648636404, 0.8080084200041411]
+    assert drawn.perturbations.seed.tolist() == [2777918984625560178, 2828294869332585954]
+
+
+def test_every_setting_is_declared_in_full():
+    described = list(describe(Settings(cache=False)))
+    assert [one.name for one in described] == [field.name for field in dataclasses.fields(Settings)]
+    assert all(one.allowed and one.meaning for one in described)
+    of = {one.name: one for one in described}
+    assert (of["cache"].value, of["cache"].allowed) == ("false", "true | false")
+    assert of["population"].allowed == "2 to 100000"
+    assert of["selection"].allowed == "tournament | proportionate"
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"cache": 1}, "cache is 1; give true or false"),
+        ({"population": 10.0}, "population is 10.0; give a whole number"),
+        ({"objectives": 3}, "objectives is 3; give text"),
+        ({"objectives": "size", "selection": "proportionate"}, "set parsimony=none and selection=tournament"),
+    ],
+)
+def test_a_tasks_own_settings_are_held_to_their_types(change, told):
+    with pytest.raises(InputError, match=told):
+        check(dataclasses.replace(Settings(), **change), "my_task.py")
+
+
+def test_objectives_are_named_with_commas():
+    assert asked_objectives(Settings()) == ()
+    assert asked_objectives(Settings(objectives="size, peak_torque")) == ("size", "peak_torque")
+    assert asked_objectives(check(Settings(objectives=",".join(OBJECTIVES)), "test")) == OBJECTIVES

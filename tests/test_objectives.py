@@ -1,0 +1,86 @@
+"""Objectives against closed forms: fronts of lattices, room around points of a line, ranks, the worst case."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller import load_rig
+from evolve import load_task
+from evolve.evaluate import Evaluation
+from evolve.objectives import crowding, fronts, pareto_ranks, points, worst_case
+from evolve.search import controller_of
+from evolve.settings import OBJECTIVES, Settings
+from evolve.template import controller_template
+from evolve.tree_gp import tree_gp
+from firmware_gen.unit import make_unit
+
+LATTICE = st.lists(st.tuples(*[st.integers(0, 4)] * 3), min_size=1, max_size=40).map(lambda rows: np.array(rows, float))
+
+
+def dominates(one, other):
+    return bool(np.all(one <= other) and np.any(one < other))
+
+
+@pytest.mark.parametrize("shape", [(6, 6), (4, 3, 5), (7,)])
+def test_a_lattice_sorts_into_its_diagonals(shape):
+    lattice = np.array(list(itertools.product(*(range(side) for side in shape))), float)
+    mixed = np.random.default_rng(0).permutation(lattice)
+    assert fronts(mixed).tolist() == mixed.sum(axis=1).tolist()
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(drawn=LATTICE)
+def test_a_front_is_one_behind_the_last_that_dominates_it(drawn):
+    found = fronts(drawn)
+    for index, point in enumerate(drawn):
+        behind = [found[other] for other in range(len(drawn)) if dominates(drawn[other], point)]
+        assert found[index] == max(behind, default=-1) + 1
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(drawn=LATTICE, seed=st.integers(0, 100))
+def test_fronts_do_not_depend_on_the_order(drawn, seed):
+    order = np.random.default_rng(seed).permutation(len(drawn))
+    assert fronts(drawn[order]).tolist() == fronts(drawn)[order].tolist()
+
+
+def test_crowding_is_the_neighbours_distance_in_parts_of_the_extent():
+    line = np.array([(3.0, 1.0), (0.0, 4.0), (4.0, 0.0), (1.0, 2.0)])
+    assert crowding(line).tolist() == [3 / 4 + 2 / 4, np.inf, np.inf, 3 / 4 + 3 / 4]
+    even = np.stack((np.arange(11), 10.0 - np.arange(11)), axis=1)
+    assert crowding(even)[1:-1] == pytest.approx(np.full(9, 0.4))
+    assert crowding(line[:1]).tolist() == [np.inf]
+    assert crowding(np.ones((3, 2)))[1] == 0
+
+
+def test_ranks_take_fronts_then_room_then_fitness():
+    stand = np.array([(3.0, 1.0), (0.0, 4.0), (4.0, 0.0), (1.0, 2.0), (5.0, 5.0), (np.inf, 0.0), (0.0, 0.0)])
+    complete = np.array([True, True, True, True, True, True, False])
+    assert pareto_ranks(stand, complete).tolist() == [3, 0, 1, 2, 4, 6, 5]
+
+
+def test_without_a_second_objective_ranks_are_by_fitness():
+    fitness = np.random.default_rng(1).random(50)
+    assert pareto_ranks(fitness[:, None], np.ones(50, bool)).tolist() == np.argsort(np.argsort(fitness)).tolist()
+
+
+def test_what_objectives_measure():
+    task, numbers = load_task("lamp-robust"), Settings(population=12)
+    rig = load_rig(task.rig)
+    gp, template = tree_gp(task.terminals, 3, numbers), controller_template(task, rig, numbers)
+    population = gp.start(np.random.default_rng(3))
+    controllers = [controller_of(gp, template, individual) for individual in population]
+    told = [worst_case(controller.program) for controller in controllers]
+    assert told == [make_unit(controller).worst_case for controller in controllers]
+    assert len(set(told)) > 3
+    nodes = np.array([gp.nodes(individual) for individual in population])
+    some = np.linspace(0, 1, 12)
+    evaluation = Evaluation(some, some, np.ones(12, int), np.zeros(12, int), np.zeros(12, int), some[::-1])
+    programs = [controller.program for controller in controllers]
+    expected = np.stack((1.5 * some, nodes, told, some[::-1]), axis=1)
+    assert np.array_equal(points(OBJECTIVES, evaluation, 0.5, nodes, programs), expected)
