@@ -8,10 +8,13 @@ from typing import Final
 
 from controller.errors import InputError
 from evolve.engine import Engine
+from evolve.gep import gep
 from evolve.settings import Settings
 from evolve.tree_gp import tree_gp
 
-ENGINES: Final[Mapping[str, Callable[[Sequence[str], int, Settings], Engine]]] = MappingProxyType({"gp": tree_gp})
+ENGINES: Final[Mapping[str, Callable[[Sequence[str], int, Settings], Engine]]] = MappingProxyType(
+    {"gp": tree_gp, "gep": gep}
+)
 """What makes each engine from the terminals, the number of outputs and the run's numbers."""
 
 

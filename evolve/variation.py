@@ -111,12 +111,26 @@ def mutate_constant(rng: np.random.Generator, primitives: Primitives, parent: Ge
     if rng.random() < _CONSTANT_REDRAWN:
         new = draw_constant(rng, primitives)
     else:
-        step = _CONSTANT_STEP * (abs(old) + _CONSTANT_STEP * primitives.constant_max)
-        moved = float(np.clip(old + step * rng.standard_normal(), -primitives.constant_max, primitives.constant_max))
-        new = np.float32(round(moved, 4))
+        new = nudge(rng, primitives, old)
     values = tree.values.copy()
     values[at] = new
     return (*parent[:output], Tree(tree.codes, values), *parent[output + 1 :])
+
+
+def nudge(rng: np.random.Generator, primitives: Primitives, old: float) -> np.float32:
+    """Return a constant moved a little: a normal step of a tenth of its size and a hundredth of the range.
+
+    Args:
+        rng: source of chance
+        primitives: which hold the constants' range
+        old: the constant
+
+    Returns:
+        the new one, within the range, rounded to four decimals
+    """
+    step = _CONSTANT_STEP * (abs(old) + _CONSTANT_STEP * primitives.constant_max)
+    moved = float(np.clip(old + step * rng.standard_normal(), -primitives.constant_max, primitives.constant_max))
+    return np.float32(round(moved, 4))
 
 
 def _room(bounds: Bounds, tree: Tree, form: Shape, at: int) -> tuple[int, int]:
