@@ -1,7 +1,7 @@
 """Evolution: tasks, genetic programming, runs."""
 
 from evolve.history import ordered_dump
-from evolve.run import Progress, RunConfig, RunResult, evolve
+from evolve.run import Progress, RunConfig, RunResult, evolve, resume
 from evolve.settings import Settings, apply_overrides
 from evolve.task import Task, load_task
 
@@ -15,4 +15,5 @@ __all__ = [
     "evolve",
     "load_task",
     "ordered_dump",
+    "resume",
 ]

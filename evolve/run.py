@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-import mujoco
 import numpy as np
 
-from controller import Controller, Rig, format_source, load_rig, program_hash, save_controller
+from controller import Controller, Rig, load_controller, load_rig, program_hash
+from controller.controller_file import controller_text
+from controller.errors import InputError
 from controller.native import run_cycle
+from evolve.checkpoint import Checkpoint, evaluation_rows, generation_row, outcome_rows, read_checkpoint
 from evolve.conditions import Conditions, draw_conditions, pick
 from evolve.decide import Candidate, Validation, candidates, decide, hall_of_fame, stated_hits, who_hit_most
+from evolve.engine import Engine, Individual
 from evolve.engines import make_engine
 from evolve.evaluate import Cache, evaluate
-from evolve.history import EvaluationRow, GenerationRow, History
-from evolve.run_folder import BEST, HISTORY, RUN, VALIDATION, make_folder, run_text, validation_text, write_whole
+from evolve.history import GenerationRow, History
+from evolve.run_file import RunFile, begin_run_file, check_versions, load_again, read_run_file, versions
+from evolve.run_folder import BEST, HISTORY, VALIDATION, locked, make_folder, validation_text, write_whole
 from evolve.search import Generation, ask, tell
 from evolve.settings import Settings, check
 from evolve.streams import RNG_NAME, Stream, generator
@@ -45,6 +49,8 @@ class RunConfig:
         rig: name or path of the rig; None: the task's own
         threads: threads that simulate, which change nothing but the time; None: one per CPU
         engine: name of the method; None: the task's own
+        decide: choose the best in full physics and judge it; False: the search alone
+        task_text: content of the task's file, of which the folder keeps a copy; None: the task is built in
     """
 
     task: Task
@@ -54,6 +60,8 @@ class RunConfig:
     rig: str | None = None
     threads: int | None = None
     engine: str | None = None
+    decide: bool = True
+    task_text: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -91,9 +99,9 @@ class RunResult:
 
     Args:
         folder: the run's folder
-        controller: the best
+        controller: the best; of a search alone the best of its last generation
         candidate: where it came from
-        validation: how it did under conditions that did not choose it
+        validation: how it did under conditions that did not choose it; None: a search alone
         simulations: rollouts of the search
         seconds: wall time [s]
     """
@@ -101,7 +109,7 @@ class RunResult:
     folder: Path
     controller: Controller
     candidate: Candidate
-    validation: Validation
+    validation: Validation | None
     simulations: int
     seconds: float
 
@@ -120,32 +128,159 @@ def evolve(config: RunConfig, progress: Callable[[Progress], None]) -> RunResult
         InputError: task, rig, settings or folder are wrong
     """
     started = time.monotonic()
+    plan = _plan(config, load_rig(config.rig or config.task.rig))
+    with _screen(plan) as pool:
+        _rehearse(plan, pool)
+        make_folder(config.out)
+        with locked(config.out):
+            begin_run_file(
+                *(config.out, plan.task, config.task_text, plan.rig, plan.settings),
+                engine=plan.engine.name,
+                seed=plan.seed,
+                decide=config.decide,
+            )
+            return _finish(plan, *_search(plan, pool, progress, started), started)
+
+
+def resume(
+    folder: Path,
+    threads: int | None,
+    progress: Callable[[Progress], None],
+    *,
+    any_version: bool = False,
+    task: Task | None = None,
+) -> RunResult:
+    """Go on with a run that was interrupted, wherever that was.
+
+    Args:
+        folder: the run's
+        threads: threads that simulate; None: one per CPU
+        progress: called after each generation that is still missing
+        any_version: go on although other versions of servolve, MuJoCo or numpy began it
+        task: the run's task, if it is neither built in nor kept in the folder
+
+    Returns:
+        what the run would have come to without the interruption; of a finished run, what it came to
+
+    Raises:
+        InputError: there is no run, another process works on it, or it has been changed
+    """
+    started = time.monotonic()
+    found = read_run_file(folder)
+    with locked(folder):
+        task, rig = load_again(folder, found, task)
+        config = RunConfig(
+            *(task, folder, found.seed, found.settings, found.rig, threads, found.engine), decide=found.decide
+        )
+        plan = _plan(config, rig)
+        if is_finished(folder):
+            return _result_of(plan, found)
+        if not any_version:
+            check_versions(folder, found)
+        with _screen(plan) as pool:
+            return _finish(plan, *_search(plan, pool, progress, started), started)
+
+
+def is_finished(folder: Path) -> bool:
+    """Tell whether a run has chosen its best: the last file that it writes.
+
+    Args:
+        folder: the run's
+    """
+    return (folder / BEST).is_file()
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """Hold all that a run's steps share."""
+
+    task: Task
+    folder: Path
+    seed: int
+    settings: Settings
+    rig: Rig
+    threads: int | None
+    engine: Engine
+    template: Controller
+    decide: bool
+
+    def head(self) -> dict[str, str | int | float | bool]:
+        """Return what the run is, apart from its numbers."""
+        return {
+            "task": self.task.name,
+            "rig": self.rig.name,
+            "engine": self.engine.name,
+            "seed": self.seed,
+            "rng": RNG_NAME,
+        }
+
+
+def _plan(config: RunConfig, rig: Rig) -> _Plan:
+    """Check what a run is to be."""
     task = config.task
     settings = check(config.settings or task.settings, task.name)
-    rig = load_rig(config.rig or task.rig)
     template = controller_template(task, rig, settings)
+    engine = make_engine(config.engine or task.engine, task.terminals, len(template.outputs), settings)
+    return _Plan(
+        *(task, config.out, config.seed, settings, rig, config.threads, engine, template), decide=config.decide
+    )
+
+
+def _screen(plan: _Plan) -> RolloutPool:
+    """Open the search's rollouts; a step that does not fit the rig's period is told before the search, not after."""
+    settings = plan.settings
     for timestep_s in (settings.verify_timestep_s, settings.decide_timestep_s):
-        # a step that does not fit the rig's period is told before the search, not after
-        _pool(task, rig, settings, config.threads, settings.decide_form, timestep_s).close()
-    with _pool(task, rig, settings, config.threads, settings.screen_form, settings.screen_timestep_s) as pool:
-        _rehearse(task, pool, template, settings, config.seed)
-        make_folder(config.out)
-        write_whole(config.out / RUN, run_text(_head(config, rig), settings, _versions()))
-        hall, simulations = _search(config, settings, template, pool, progress, started)
+        _pool(plan, settings.decide_form, timestep_s).close()
+    return _pool(plan, settings.screen_form, settings.screen_timestep_s)
+
+
+def _pool(plan: _Plan, form: Form, timestep_s: float) -> RolloutPool:
+    """Open rollouts in one physics."""
+    return RolloutPool(
+        plan.rig,
+        form=form,
+        timestep_s=timestep_s,
+        time_limit_s=plan.settings.time_limit_s,
+        threads=plan.threads,
+        stop=plan.task.stop,
+    )
+
+
+def _finish(plan: _Plan, hall: list[Candidate], simulations: int, earlier_s: float, started: float) -> RunResult:
+    """Choose and judge the best, and leave its files, the controller last."""
+    if not plan.decide:
+        best = hall[-1]
+        seconds = earlier_s + time.monotonic() - started
+        return RunResult(plan.folder, best.controller, best, None, simulations, seconds)
+    task, rig, settings, seed = plan.task, plan.rig, plan.settings, plan.seed
     hall = hall_of_fame(hall, settings)
-    with _pool(task, rig, settings, config.threads, settings.decide_form, settings.verify_timestep_s) as pool:
-        verified = stated_hits(task, pool, rig, settings, config.seed, hall)
-    with _pool(task, rig, settings, config.threads, settings.decide_form, settings.decide_timestep_s) as pool:
-        hall = who_hit_most(hall, verified + stated_hits(task, pool, rig, settings, config.seed, hall))
-        best, validation, held_out = decide(task, pool, rig, settings, config.seed, hall)
+    with _pool(plan, settings.decide_form, settings.verify_timestep_s) as pool:
+        verified = stated_hits(task, pool, rig, settings, seed, hall)
+    with _pool(plan, settings.decide_form, settings.decide_timestep_s) as pool:
+        hall = who_hit_most(hall, verified + stated_hits(task, pool, rig, settings, seed, hall))
+        best, validation, held_out = decide(task, pool, rig, settings, seed, hall)
         golden = golden_trace(pool, best.controller, held_out)
-    provenance = _provenance(config, rig, settings, best, validation)
-    controller = dataclasses.replace(best.controller, provenance=provenance, golden=golden)
+    controller = dataclasses.replace(best.controller, provenance=_provenance(plan, best, validation), golden=golden)
     origin = {"generation": best.generation, "individual": best.individual, "program": best.program}
     text = validation_text(origin, validation, held_out.goal_m.tolist())
-    write_whole(config.out / VALIDATION, text)
-    save_controller(controller, config.out / BEST)
-    return RunResult(config.out, controller, best, validation, simulations, time.monotonic() - started)
+    write_whole(plan.folder / VALIDATION, text.encode())
+    write_whole(plan.folder / BEST, controller_text(controller).encode())
+    return RunResult(plan.folder, controller, best, validation, simulations, earlier_s + time.monotonic() - started)
+
+
+def _result_of(plan: _Plan, found: RunFile) -> RunResult:
+    """Return what a finished run came to."""
+    controller = load_controller(plan.folder)
+    checkpoint = read_checkpoint(plan.folder / HISTORY, plan.engine, plan.template)
+    path = plan.folder / VALIDATION
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        origin, validation = content["best"], Validation(**content["held_out"])
+        nodes = int(controller.provenance["nodes"])
+        best = Candidate(origin["generation"], origin["individual"], origin["program"], nodes, controller)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not as the run wrote it ({error}); put back the file that it wrote") from None
+    return RunResult(plan.folder, controller, best, validation, checkpoint.simulations, checkpoint.seconds)
 
 
 def golden_trace(pool: RolloutPool, controller: Controller, conditions: Conditions) -> dict[str, list[list[str]]]:
@@ -168,83 +303,53 @@ def golden_trace(pool: RolloutPool, controller: Controller, conditions: Conditio
     return {"inputs": _bits(terminals), "outputs": _bits(outputs)}
 
 
-def _rehearse(task: Task, pool: RolloutPool, template: Controller, settings: Settings, seed: int) -> None:
+def _rehearse(plan: _Plan, pool: RolloutPool) -> None:
     """Let a controller that holds still meet the first conditions: a task's mistakes show before a folder is made."""
-    njoint = len(template.outputs)
-    conditions = draw_conditions(generator(seed, Stream.CONDITIONS), settings, settings.goals, njoint)
-    evaluate(task, pool, [template], [program_hash(template.program)], conditions, Cache())
+    template, settings = plan.template, plan.settings
+    rng = generator(plan.seed, Stream.CONDITIONS)
+    conditions = draw_conditions(rng, settings, settings.goals, len(template.outputs))
+    evaluate(plan.task, pool, [template], [program_hash(template.program)], conditions, Cache())
 
 
 def _search(
-    config: RunConfig,
-    settings: Settings,
-    template: Controller,
-    pool: RolloutPool,
-    progress: Callable[[Progress], None],
-    started: float,
-) -> tuple[list[Candidate], int]:
-    """Run all generations; return the best of each and the number of simulations."""
-    engine = make_engine(config.engine or config.task.engine, config.task.terminals, len(template.outputs), settings)
-    cache = Cache()
-    hall: list[Candidate] = []
-    generation: Generation | None = None
-    with History(config.out / HISTORY) as history:
-        for number in range(settings.generations):
+    plan: _Plan, pool: RolloutPool, progress: Callable[[Progress], None], started: float
+) -> tuple[list[Candidate], int, float]:
+    """Run the generations that are missing; return the best of each, all simulations, and earlier wall time [s]."""
+    path = plan.folder / HISTORY
+    checkpoint = read_checkpoint(path, plan.engine, plan.template)
+    cache = Cache(dict(checkpoint.outcomes))
+    hall = list(checkpoint.hall)
+    settings = plan.settings
+    with History(path) as history:
+        generation = _last_generation(plan, pool, cache, checkpoint)
+        cache.simulations = checkpoint.simulations
+        for number in range(checkpoint.generations, settings.generations):
             before, simulations = time.monotonic(), cache.simulations
-            population = ask(engine, settings, config.seed, generation)
-            generation = tell(config.task, engine, settings, template, pool, cache, config.seed, number, population)
-            seconds = time.monotonic() - before
-            row = _generation_row(generation, cache.simulations - simulations, seconds)
-            history.record(row, _evaluation_rows(generation))
-            hall += candidates(generation, _HALL_OF_A_GENERATION)
-            progress(_progress(generation, row, settings, cache, time.monotonic() - started))
-    return hall, cache.simulations
+            population = ask(plan.engine, settings, plan.seed, generation)
+            generation = _tell(plan, pool, cache, number, population)
+            chosen = candidates(generation, _HALL_OF_A_GENERATION)
+            row = generation_row(generation, cache.simulations - simulations, time.monotonic() - before)
+            history.record(
+                row,
+                evaluation_rows(generation, plan.engine),
+                [candidate.individual for candidate in chosen],
+                outcome_rows(cache, settings.cache),
+            )
+            hall += chosen
+            progress(_progress(generation, row, settings, cache, checkpoint.seconds + time.monotonic() - started))
+    return hall, cache.simulations, checkpoint.seconds
 
 
-def _pool(task: Task, rig: Rig, settings: Settings, threads: int | None, form: Form, timestep_s: float) -> RolloutPool:
-    """Open rollouts in one physics."""
-    return RolloutPool(
-        rig, form=form, timestep_s=timestep_s, time_limit_s=settings.time_limit_s, threads=threads, stop=task.stop
-    )
+def _last_generation(plan: _Plan, pool: RolloutPool, cache: Cache, checkpoint: Checkpoint) -> Generation | None:
+    """Return the last generation of a checkpoint as its run knew it: told again, its outcomes are in the cache."""
+    if checkpoint.generations in (0, plan.settings.generations):
+        return None
+    return _tell(plan, pool, cache, checkpoint.generations - 1, checkpoint.population)
 
 
-def _evaluation_rows(generation: Generation) -> list[EvaluationRow]:
-    """Return what is recorded of each individual."""
-    evaluation = generation.evaluation
-    return [
-        EvaluationRow(
-            program,
-            int(generation.nodes[index]),
-            format_source(controller.source),
-            individual.operator,
-            individual.parents,
-            int(evaluation.met[index]),
-            float(evaluation.main[index]),
-            float(evaluation.style[index]),
-        )
-        for index, (individual, controller, program) in enumerate(
-            zip(generation.population, generation.controllers, generation.programs, strict=True)
-        )
-    ]
-
-
-def _generation_row(generation: Generation, simulations: int, seconds: float) -> GenerationRow:
-    """Return what is recorded of a generation."""
-    evaluation, conditions = generation.evaluation, generation.conditions
-    complete = evaluation.met == len(conditions)
-    fitness = evaluation.fitness(generation.phase)[complete]
-    finite = fitness[np.isfinite(fitness)]
-    return GenerationRow(
-        generation.number,
-        conditions.draw,
-        tuple(conditions.goal_m.tolist()),
-        generation.phase,
-        float(fitness.min()),
-        float(finite.mean()) if len(finite) else float("inf"),
-        int(np.sum(complete & (evaluation.hits == len(conditions)))),
-        simulations,
-        seconds,
-    )
+def _tell(plan: _Plan, pool: RolloutPool, cache: Cache, number: int, population: Sequence[Individual]) -> Generation:
+    """Let a population meet the conditions of its generation."""
+    return tell(*(plan.task, plan.engine, plan.settings, plan.template, pool, cache, plan.seed), number, population)
 
 
 def _progress(generation: Generation, row: GenerationRow, settings: Settings, cache: Cache, seconds: float) -> Progress:
@@ -264,30 +369,12 @@ def _progress(generation: Generation, row: GenerationRow, settings: Settings, ca
     )
 
 
-def _head(config: RunConfig, rig: Rig) -> dict[str, str | int | float | bool]:
-    """Return what a run is, apart from its numbers."""
-    return {
-        "task": config.task.name,
-        "rig": rig.name,
-        "engine": config.engine or config.task.engine,
-        "seed": config.seed,
-        "rng": RNG_NAME,
-    }
-
-
-def _versions() -> dict[str, str]:
-    """Return the versions of what computes, as results differ between them in the last digits."""
-    return {"servolve": version("servolve"), "mujoco": mujoco.__version__, "numpy": np.__version__}
-
-
-def _provenance(
-    config: RunConfig, rig: Rig, settings: Settings, best: Candidate, validation: Validation
-) -> Mapping[str, Any]:
+def _provenance(plan: _Plan, best: Candidate, validation: Validation) -> Mapping[str, Any]:
     """Return how the best came to be and how good it is."""
     return {
-        **_head(config, rig),
-        **{f"{name}_version": text for name, text in _versions().items()},
-        "time_limit_s": settings.time_limit_s,
+        **plan.head(),
+        **{f"{name}_version": text for name, text in versions().items()},
+        "time_limit_s": plan.settings.time_limit_s,
         "generation": best.generation,
         "individual": best.individual,
         "program_hash": best.program,

@@ -1,15 +1,17 @@
-"""A run's folder: `run.toml`, `history.sqlite`, `best.controller.toml`, `validation.json`."""
+"""A run's folder: its files, who may write them, and how they are written so that a crash leaves none of them torn."""
 
 from __future__ import annotations
 
 import dataclasses
+import fcntl
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from controller.errors import InputError
+from controller.errors import InputError, RunError
 from evolve.decide import Validation
 from evolve.settings import Settings
 
@@ -52,6 +54,11 @@ def make_folder(folder: Path) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if (folder / RUN).exists():
+            raise InputError(
+                f"{folder}: holds a run already; give --out a new folder, or go on with it: servolve evolve --resume"
+                f" {folder}"
+            )
         if any(folder.iterdir()):
             raise InputError(f"{folder}: holds something already; give --out a new folder")
     except FileExistsError:
@@ -60,18 +67,49 @@ def make_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); give --out another folder") from None
 
 
-def run_text(head: Mapping[str, str | int | float | bool], settings: Settings, versions: Mapping[str, str]) -> str:
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a run's folder, so that no other process works on it; the lock goes with the process, however it ends.
+
+    Args:
+        folder: the run's, which exists
+
+    Raises:
+        InputError: another process works on it
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise InputError(f"{folder}: another process is working on this run; wait for it, or stop it first") from None
+    except OSError:
+        # a file system without locks: the history still refuses a generation that is there already
+        pass
+    try:
+        yield
+    finally:
+        os.close(handle)
+
+
+def run_text(
+    head: Mapping[str, str | int | float | bool],
+    settings: Settings,
+    versions: Mapping[str, str],
+    hashes: Mapping[str, str],
+) -> str:
     """Return the text of `run.toml`, the same for the same run.
 
     Args:
         head: task, rig, seed and the like
         settings: the run's numbers
         versions: of what computes
+        hashes: sha256 of the files that the run is made of
 
     Returns:
         the text
     """
-    tables = {"run": head, "settings": dataclasses.asdict(settings), "versions": versions}
+    tables = {"run": head, "settings": dataclasses.asdict(settings), "versions": versions, "hashes": hashes}
     lines = ["format = 1"]
     for name, table in tables.items():
         lines += ["", f"[{name}]", *(f"{key} = {_toml_value(value)}" for key, value in table.items())]
@@ -93,16 +131,33 @@ def validation_text(best: Mapping[str, Any], validation: Validation, goal_m: lis
     return json.dumps(content, indent=2) + "\n"
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all.
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole or not at all, after a power loss too.
 
     Args:
         path: the file
-        text: its text
+        content: its bytes
+
+    Raises:
+        RunError: it cannot be written
     """
     part = path.with_name(path.name + ".part")
-    part.write_text(text)
-    os.replace(part, path)  # noqa: PTH105 (one atomic call, as its name says)
+    try:
+        with part.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)  # noqa: PTH105 (one atomic call, as its name says)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise RunError(
+            f"{path}: cannot be written ({error.strerror}); make room there, then go on with servolve evolve --resume"
+            f" {path.parent}"
+        ) from None
 
 
 def _toml_value(value: str | int | float | bool) -> str:

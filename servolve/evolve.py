@@ -19,8 +19,11 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 
 import evolve as evolution
-from controller.errors import InputError
+from controller.errors import InputError, RunError
+from evolve.decide import Validation
+from evolve.run import is_finished
 from evolve.run_folder import free_folder
+from evolve.task import BUILT_IN
 
 RUNS: Final = Path("runs")
 
@@ -30,59 +33,113 @@ _LOG_EVERY_S: Final = 10.0  # between lines where standard error is no terminal
 
 
 def evolve(
-    task: str,
+    task: str | None = None,
     /,
     *,
     rig: str | None = None,
     engine: Literal["gp", "gep"] | None = None,
     out: Path | None = None,
-    seed: int = 1,
+    seed: int | None = None,
     population: int | None = None,
     generations: int | None = None,
     threads: int | None = None,
     set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    resume: Annotated[Path | None, Parameter(negative="")] = None,
+    any_version: Annotated[bool, Parameter(negative="")] = False,
     quiet: Annotated[bool, Parameter(negative="")] = False,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Evolve a controller for a task and leave a run folder; the best is its best.controller.toml.
 
-    The same task, settings and seed give the same run at any number of threads.
+    The same task, settings and seed give the same run at any number of threads, and with any interruptions: a run that
+    was stopped goes on with --resume.
 
     Args:
         task: lamp (one goal), lamp-robust (any goal in 10 to 60 cm), or the path of a task's Python file
         rig: name or path of the rig; left out: the task's own
         engine: gp (tree genetic programming) or gep (gene expression programming); left out: the task's own
         out: folder of the run, new or empty; left out: runs/TASK-SEED
-        seed: of all chance
+        seed: of all chance; left out: 1
         population: individuals of a generation
         generations: how many
         threads: threads that simulate; left out: one per CPU
         set_: KEY=VALUE, one of the run's settings, as often as needed
+        resume: go on with the run in this folder; nothing else but --threads and what is printed can be given
+        any_version: resume a run that another version of servolve, MuJoCo or numpy began
         quiet: no progress
         json_: print one JSON object
 
     Returns:
         exit status
     """
-    _check("--seed", seed, 0, _SEED_MAX)
     if threads is not None:
         _check("--threads", threads, 1, _THREADS_MAX)
-    loaded = evolution.load_task(task).for_rig(rig)
-    overrides = [
-        *(set_ or []),
-        *([] if population is None else [f"population={population}"]),
-        *([] if generations is None else [f"generations={generations}"]),
-    ]
-    settings = evolution.apply_overrides(loaded.settings, overrides)
-    folder = out if out is not None else free_folder(RUNS, f"{loaded.name}-{seed}")
-    config = evolution.RunConfig(loaded, folder, seed, settings, rig, threads, engine)
-    with _reporter(quiet, settings.generations) as report:
-        result = evolution.evolve(config, report)
+    given: dict[str, object] = {
+        "TASK": task,
+        "--rig": rig,
+        "--engine": engine,
+        "--out": out,
+        "--seed": seed,
+        "--population": population,
+    }
+    given |= {"--generations": generations, "--set": set_ or None}
+    if resume is not None:
+        _refuse_with_resume([name for name, value in given.items() if value is not None])
+        result = _resumed(resume, threads, any_version, quiet)
+    elif task is None:
+        raise InputError("evolve needs a task; give lamp-robust, another task's name or file, or --resume RUN")
+    else:
+        if any_version:
+            raise InputError("--any-version goes with --resume alone; leave it out")
+        overrides = [
+            *(set_ or []),
+            *([] if population is None else [f"population={population}"]),
+            *([] if generations is None else [f"generations={generations}"]),
+        ]
+        config = _config(task, rig, engine, out, 1 if seed is None else seed, threads, overrides)
+        with _reporter(quiet, config.out) as report:
+            result = evolution.evolve(config, report)
     if json_:
         print(json.dumps(_summary(result)))
     elif not quiet:
         Console(file=sys.stdout).print(_table(result))
     return 0
+
+
+def _config(
+    task: str,
+    rig: str | None,
+    engine: Literal["gp", "gep"] | None,
+    out: Path | None,
+    seed: int,
+    threads: int | None,
+    overrides: list[str],
+) -> evolution.RunConfig:
+    """Return what a new run is to be."""
+    _check("--seed", seed, 0, _SEED_MAX)
+    loaded = evolution.load_task(task).for_rig(rig)
+    settings = evolution.apply_overrides(loaded.settings, overrides)
+    folder = out if out is not None else free_folder(RUNS, f"{loaded.name}-{seed}")
+    text = None if task in BUILT_IN else Path(task).read_bytes()
+    return evolution.RunConfig(loaded, folder, seed, settings, rig, threads, engine, task_text=text)
+
+
+def _refuse_with_resume(given: list[str]) -> None:
+    """Refuse what would make another run of the one that is resumed."""
+    if not given:
+        return
+    why = " (a longer run weighs style points otherwise from its start)" if "--generations" in given else ""
+    raise InputError(
+        f"--resume goes on with a run as it began; leave out {', '.join(given)}{why}, or start a new run without it"
+    )
+
+
+def _resumed(folder: Path, threads: int | None, any_version: bool, quiet: bool) -> evolution.RunResult:
+    """Go on with a run, or say that there is nothing left to do."""
+    if is_finished(folder):
+        print(f"{folder}: this run is finished; nothing is left to do", file=sys.stderr)
+    with _reporter(quiet, folder) as report:
+        return evolution.resume(folder, threads, report, any_version=any_version)
 
 
 def _check(name: str, value: int, low: int, high: int) -> None:
@@ -91,8 +148,18 @@ def _check(name: str, value: int, low: int, high: int) -> None:
 
 
 @contextmanager
-def _reporter(quiet: bool, generations: int) -> Iterator[Callable[[evolution.Progress], None]]:
-    """Yield what is called after each generation: a live display on a terminal, now and then a line elsewhere."""
+def _reporter(quiet: bool, folder: Path) -> Iterator[Callable[[evolution.Progress], None]]:
+    """Yield what is called after each generation; say how to go on if the keyboard interrupts."""
+    try:
+        with _display(quiet) as display:
+            yield display
+    except KeyboardInterrupt:
+        raise RunError(f"interrupted from the keyboard; go on with servolve evolve --resume {folder}") from None
+
+
+@contextmanager
+def _display(quiet: bool) -> Iterator[Callable[[evolution.Progress], None]]:
+    """Yield a live display on a terminal, now and then a line elsewhere."""
     console = Console(stderr=True)
     if quiet:
         yield lambda progress: None
@@ -100,11 +167,11 @@ def _reporter(quiet: bool, generations: int) -> Iterator[Callable[[evolution.Pro
         bar = ProgressBar(
             TextColumn("generation"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
         )
-        work = bar.add_task("generation", total=generations)
+        work = bar.add_task("generation", total=None)
         with Live(bar, console=console, refresh_per_second=4) as live:
 
             def show(progress: evolution.Progress) -> None:
-                bar.update(work, completed=progress.generation + 1)
+                bar.update(work, completed=progress.generation + 1, total=progress.generations)
                 live.update(_live(bar, progress))
 
             yield show
@@ -141,13 +208,14 @@ def _line(progress: evolution.Progress) -> str:
 
 def _summary(result: evolution.RunResult) -> dict[str, Any]:
     """Return what `--json` prints."""
+    held_out = None if result.validation is None else dataclasses.asdict(result.validation)
     return {
         "run": str(result.folder),
         "controller": str(result.folder / "best.controller.toml"),
         "generation": result.candidate.generation,
         "program_hash": result.candidate.program,
         "nodes": result.candidate.nodes,
-        "held_out": dataclasses.asdict(result.validation),
+        "held_out": held_out,
         "simulations": result.simulations,
         "seconds": round(result.seconds, 3),
     }
@@ -155,13 +223,18 @@ def _summary(result: evolution.RunResult) -> dict[str, Any]:
 
 def _table(result: evolution.RunResult) -> Table:
     """Return what a run came to, for people."""
-    v = result.validation
     table = Table("best.controller.toml", str(result.folder / "best.controller.toml"), title_justify="left")
     table.add_row("found in", f"generation {result.candidate.generation}, {result.candidate.nodes} nodes")
+    if result.validation is not None:
+        _add_validation(table, result.validation)
+    table.add_row("took", f"{result.simulations} rollouts in {result.seconds:.0f} s")
+    return table
+
+
+def _add_validation(table: Table, v: Validation) -> None:
+    """Add how the best did under unseen conditions."""
     table.add_row("judged by", f"{v.conditions} unseen goals and rigs, free base, full physics")
     table.add_row("error at the end", f"mean {v.mean_error_m * 100:.2f} cm, median {v.median_error_m * 100:.2f} cm")
     table.add_row("hits", f"{v.hits:.0%} (within 1.5 cm, at rest, upright); {v.passed:.0%} passed within 1.5 cm")
     table.add_row("near", f"{v.within_50_mm:.0%} within 5 cm, upright; {v.falls:.0%} fell")
     table.add_row("hops", f"mean {v.hops_mean:.1f}, fewest {v.hops_min}, {v.clearance_m * 1000:.0f} mm clearance")
-    table.add_row("took", f"{result.simulations} rollouts in {result.seconds:.0f} s")
-    return table

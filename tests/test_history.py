@@ -13,16 +13,16 @@ from evolve.history import EvaluationRow, GenerationRow, History, ordered_dump
 
 GENERATION = GenerationRow(0, "draw", (0.1, 0.4), 0.5, 0.2, 0.3, 1, 8, 1.5)
 ROWS = [
-    EvaluationRow("bb", 3, "(list t)", "start", (), 2, 0.25, 0.125),
-    EvaluationRow("aa", 5, "(list px)", "crossover", (3, 7), 4, float("inf"), 0.0),
-    EvaluationRow("bb", 3, "(list t)", "reproduction", (0,), 2, 0.25, 0.125),
+    EvaluationRow("bb", 3, "(list t)", "(list t)", "start", (), 2, 0.25, 0.125, 1, 2, 0),
+    EvaluationRow("aa", 5, "(list px)", "+xab", "crossover", (3, 7), 4, float("inf"), 0.0, 0, 0, 2),
+    EvaluationRow("bb", 9, "(list (+ t 0))", "(list (+ t 0))", "reproduction", (0,), 2, 0.25, 0.125, 1, 2, 1),
 ]
 
 
 def written(path, generations, rows=ROWS):
     with History(path) as history:
         for generation in generations:
-            history.record(generation, rows)
+            history.record(generation, rows, [2, 0])
     return ordered_dump(path)
 
 
@@ -32,9 +32,11 @@ def test_the_dump_holds_everything_but_the_times(tmp_path):
         ["program", "aa", 5, "(list px)"],
         ["program", "bb", 3, "(list t)"],
         ["generation", 0, "draw", "[0.1, 0.4]", 0.5, 0.2, 0.3, 1, 8],
-        ["evaluation", 0, 0, "bb", "start", "[]", 2, "draw", 0.25, 0.125],
-        ["evaluation", 0, 1, "aa", "crossover", "[3, 7]", 4, "draw", float("inf"), 0.0],
-        ["evaluation", 0, 2, "bb", "reproduction", "[0]", 2, "draw", 0.25, 0.125],
+        ["evaluation", 0, 0, "bb", None, 3, "start", "[]", 2, "draw", 0.25, 0.125, 1, 2, 0],
+        ["evaluation", 0, 1, "aa", "+xab", 5, "crossover", "[3, 7]", 4, "draw", float("inf"), 0.0, 0, 0, 2],
+        ["evaluation", 0, 2, "bb", "(list (+ t 0))", 9, "reproduction", "[0]", 2, "draw", 0.25, 0.125, 1, 2, 1],
+        ["candidate", 0, 0, 2],
+        ["candidate", 0, 1, 0],
     ]
 
 
@@ -65,7 +67,7 @@ def test_a_generation_is_recorded_whole_or_not_at_all(tmp_path):
 def test_numbers_survive_bit_by_bit(tmp_path):
     value = 0.1 + 0.2
     dump = written(tmp_path / "a.sqlite", [GENERATION], [dataclasses.replace(ROWS[0], main=value)])
-    assert json.loads(dump.splitlines()[-1])[-2] == value
+    assert json.loads(dump.splitlines()[2])[10] == value
 
 
 @pytest.mark.parametrize("content", [None, b"", b"not a database, though long enough to look like one" * 40])
