@@ -42,7 +42,7 @@ class Layout:
     @cached_property
     def tail(self) -> int:
         """Return the symbols of a tail, h (n - 1) + 1 for functions of up to n operands (Ferreira 2001, eq. 3.4)."""
-        return self.head * (max(self.arities) - 1) + 1
+        return self.head * (max(self.primitives.arities) - 1) + 1
 
     @cached_property
     def arities(self) -> npt.NDArray[np.int64]:
@@ -119,7 +119,8 @@ def is_chromosome(layout: Layout, chromosome: Chromosome) -> bool:
 def expressed(layout: Layout, chromosome: Chromosome) -> npt.NDArray[np.int64]:
     """Return how many symbols of each gene its expression takes, from its first on, (ngene,)."""
     open_operands = np.cumsum(layout.arities[chromosome.codes] - 1, axis=1)
-    return np.argmax(open_operands == -1, axis=1) + 1
+    ends: npt.NDArray[np.int64] = np.argmax(open_operands == -1, axis=1) + 1
+    return ends
 
 
 def decode(layout: Layout, chromosome: Chromosome) -> Source:
