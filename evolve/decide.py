@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +13,9 @@ import numpy.typing as npt
 from controller import Controller, Rig
 from evolve.conditions import Conditions, draw_conditions
 from evolve.evaluate import Cache, Evaluation, Race, evaluate, is_hit, is_passed, simulate
+from evolve.objectives import fronts, points
 from evolve.search import Generation
-from evolve.settings import Settings
+from evolve.settings import Settings, asked_objectives
 from evolve.streams import Stream, generator
 from evolve.task import Task, score
 from sim_models.rollouts import RolloutPool
@@ -21,6 +24,7 @@ from sim_models.statistics import HIT_M
 NEAR_M = 0.05
 """Within this of the goal is near [m]."""
 
+_OF_A_GENERATION = 3  # its best, which may be the best of the run
 _AS_GOOD = 0.1  # of the best's fitness: what so many conditions cannot tell apart
 _RACE_SHARE_OF_CONDITIONS = 3  # a third of the conditions decides which candidates meet the others
 _RACE_SHARE_OF_CANDIDATES = 0.4
@@ -94,9 +98,23 @@ def hall_of_fame(halls: Sequence[Candidate], settings: Settings) -> list[Candida
         at most `settings.hall_of_fame`, the latest first
     """
     latest: dict[str, Candidate] = {}
+    taken: Counter[int] = Counter()
     for candidate in reversed(halls):
-        latest.setdefault(candidate.program, candidate)
+        taken[candidate.generation] += 1
+        if taken[candidate.generation] <= _OF_A_GENERATION:
+            latest.setdefault(candidate.program, candidate)
     return list(latest.values())[: settings.hall_of_fame]
+
+
+def candidates_of(settings: Settings, generation: int) -> int:
+    """Return how many of a generation are candidates: few, but the last one's front where objectives are asked for.
+
+    Args:
+        settings: the run's numbers
+        generation: its number, from 0
+    """
+    last = generation == settings.generations - 1
+    return max(settings.hall_of_fame, _OF_A_GENERATION) if last and settings.objectives else _OF_A_GENERATION
 
 
 def candidates(generation: Generation, count: int) -> list[Candidate]:
@@ -181,6 +199,59 @@ def decide(
     best = hall[_simplest_of_the_best(evaluation, [candidate.nodes for candidate in hall])]
     held_out = draw_conditions(generator(seed, Stream.HELD_OUT), settings, settings.held_out_goals, njoint)
     return best, validate(task, pool, best.controller, held_out), held_out
+
+
+def pareto(
+    task: Task, pool: RolloutPool, rig: Rig, settings: Settings, seed: int, halls: Sequence[Candidate]
+) -> list[dict[str, Any]]:
+    """Return the Pareto front of a run's candidates, judged under the unseen conditions that choose the best.
+
+    Args:
+        task: whose fitness counts, style points in full
+        pool: rollouts in the physics that decides
+        rig: the rig
+        settings: the run's numbers
+        seed: of the run
+        halls: the best of each generation, in order
+
+    Returns:
+        what `front` says of them; empty where the settings ask for no objectives
+    """
+    asked = asked_objectives(settings)
+    if not asked:
+        return []
+    judged = list({candidate.program: candidate for candidate in halls}.values())
+    unseen = draw_conditions(generator(seed, Stream.DECISION), settings, settings.decision_goals, len(rig.joints))
+    return front(asked, judged, evaluate(task, pool, *_entries(judged), unseen, Cache()))
+
+
+def front(asked: Sequence[str], judged: Sequence[Candidate], evaluation: Evaluation) -> list[dict[str, Any]]:
+    """Return the Pareto front of candidates, the best fitness first.
+
+    Args:
+        asked: names of the objectives beside fitness
+        judged: the candidates
+        evaluation: how each did, over the same conditions
+
+    Returns:
+        of each: "generation", "individual", "program", "fitness", "hits" and "conditions", and the objectives by name
+    """
+    nodes = np.array([candidate.nodes for candidate in judged], np.int64)
+    stand = points(asked, evaluation, 1.0, nodes, [candidate.controller.program for candidate in judged])
+    finite = np.flatnonzero(np.isfinite(stand).all(axis=1))
+    best = finite[fronts(stand[finite]) == 0]
+    return [
+        {
+            "generation": judged[index].generation,
+            "individual": judged[index].individual,
+            "program": judged[index].program,
+            "fitness": float(stand[index, 0]),
+            "hits": int(evaluation.hits[index]),
+            "conditions": int(evaluation.met[index]),
+            **{name: float(value) for name, value in zip(asked, stand[index, 1:], strict=True)},
+        }
+        for index in best[np.argsort(stand[best, 0], kind="stable")].tolist()
+    ]
 
 
 def _entries(hall: Sequence[Candidate]) -> tuple[list[Controller], list[str]]:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from controller import load_rig
 from evolve import load_task
+from evolve.decide import Candidate, candidates_of, front, hall_of_fame
 from evolve.evaluate import Evaluation
 from evolve.objectives import crowding, fronts, pareto_ranks, points, worst_case
 from evolve.search import controller_of
@@ -84,3 +85,45 @@ def test_what_objectives_measure():
     programs = [controller.program for controller in controllers]
     expected = np.stack((1.5 * some, nodes, told, some[::-1]), axis=1)
     assert np.array_equal(points(OBJECTIVES, evaluation, 0.5, nodes, programs), expected)
+
+
+def candidate(controller, generation, individual, nodes):
+    return Candidate(generation, individual, f"program {generation} {individual}", nodes, controller)
+
+
+@pytest.fixture(scope="module")
+def still():
+    task = load_task("lamp-robust")
+    return controller_template(task, load_rig(task.rig), task.settings)
+
+
+def test_the_front_of_a_run_holds_whom_nobody_beats_in_everything(still):
+    sizes = (9, 5, 7, 1, 1)
+    judged = [candidate(still, 4, index, nodes) for index, nodes in enumerate(sizes)]
+    main, zeros, two = np.array([0.1, 0.2, 0.3, 0.4, np.inf]), np.zeros(5), np.full(5, 2)
+    evaluation = Evaluation(main, zeros, two, np.array([2, 1, 1, 0, 0]), two, zeros)
+    found = front(("size", "peak_torque"), judged, evaluation)
+    assert [(one["individual"], one["fitness"], one["size"], one["hits"]) for one in found] == [
+        (0, 0.1, 9.0, 2),
+        (1, 0.2, 5.0, 1),
+        (3, 0.4, 1.0, 0),
+    ]
+    assert found[0] == {
+        "generation": 4,
+        "individual": 0,
+        "program": "program 4 0",
+        "fitness": 0.1,
+        "hits": 2,
+        "conditions": 2,
+        "size": 9.0,
+        "peak_torque": 0.0,
+    }
+
+
+def test_only_the_few_best_of_a_generation_compete_to_be_the_best_of_a_run(still):
+    asked = Settings(generations=3, objectives="size", hall_of_fame=8)
+    assert [candidates_of(asked, number) for number in range(3)] == [3, 3, 8]
+    assert [candidates_of(Settings(generations=3), number) for number in range(3)] == [3, 3, 3]
+    halls = [candidate(still, number, index, 1) for number in range(3) for index in range(candidates_of(asked, number))]
+    hall = [(one.generation, one.individual) for one in hall_of_fame(halls, asked)]
+    assert hall == [(2, 7), (2, 6), (2, 5), (1, 2), (1, 1), (1, 0), (0, 2), (0, 1)]
