@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from controller.text import format_expression
+from evolve.engine import Individual
 from evolve.gep import gep
 from evolve.gep_chromosome import is_chromosome
 from evolve.settings import Settings
@@ -151,3 +155,21 @@ def test_many_generations_stay_chromosomes(head, noutput):
     for individual in population:
         assert is_chromosome(engine.layout, individual.genotype)
         assert len(engine.source(individual).outputs) == noutput
+
+
+def test_the_gene_of_the_manual_reads_as_the_manual_says():
+    page = (Path(__file__).parents[1] / "docs" / "gep.md").read_text()
+    gene = re.search(r"^    (% .* \| .*)$", page, re.MULTILINE)
+    reading = re.search(r"^It reads `(.*)`: (\d+) symbols", page, re.MULTILINE)
+    engine = gep(("t", "a0", "a1", "px"), 1, Settings())
+    individual = Individual(engine.read(gene[1]), "start", ())
+    assert format_expression(engine.source(individual).outputs[0]) == reading[1]
+    assert engine.nodes(individual) == int(reading[2])
+
+
+def test_the_manual_names_every_setting_and_its_default():
+    page = (Path(__file__).parents[1] / "docs" / "gep.md").read_text()
+    numbers = {field.name: field.default for field in dataclasses.fields(Settings) if field.name.startswith("gep_")}
+    for name, default in numbers.items():
+        lines = [line for line in page.splitlines() if f"`{name}`" in line]
+        assert any(str(default) in line for line in lines), name
