@@ -18,13 +18,33 @@ from controller.errors import InputError
 from controller.native import run_cycle
 from evolve.checkpoint import Checkpoint, evaluation_rows, generation_row, outcome_rows, read_checkpoint
 from evolve.conditions import Conditions, draw_conditions, pick
-from evolve.decide import Candidate, Validation, candidates, decide, hall_of_fame, stated_hits, who_hit_most
+from evolve.decide import (
+    Candidate,
+    Validation,
+    candidates,
+    candidates_of,
+    decide,
+    hall_of_fame,
+    pareto,
+    stated_hits,
+    who_hit_most,
+)
 from evolve.engine import Engine, Individual
 from evolve.engines import make_engine
 from evolve.evaluate import Cache, evaluate
 from evolve.history import GenerationRow, History
 from evolve.run_file import RunFile, begin_run_file, check_versions, load_again, read_run_file, versions
-from evolve.run_folder import BEST, HISTORY, VALIDATION, locked, make_folder, validation_text, write_whole
+from evolve.run_folder import (
+    BEST,
+    HISTORY,
+    PARETO,
+    VALIDATION,
+    locked,
+    make_folder,
+    pareto_text,
+    validation_text,
+    write_whole,
+)
 from evolve.search import Generation, ask, tell
 from evolve.settings import Settings, check
 from evolve.streams import RNG_NAME, Stream, generator
@@ -34,7 +54,6 @@ from sim_models.body import Form
 from sim_models.rollouts import RolloutPool, make_cases
 
 _GOLDEN_STEPS: Final = 50
-_HALL_OF_A_GENERATION: Final = 3
 
 
 @dataclass(frozen=True)
@@ -246,20 +265,23 @@ def _pool(plan: _Plan, form: Form, timestep_s: float) -> RolloutPool:
     )
 
 
-def _finish(plan: _Plan, hall: list[Candidate], simulations: int, earlier_s: float, started: float) -> RunResult:
+def _finish(plan: _Plan, halls: list[Candidate], simulations: int, earlier_s: float, started: float) -> RunResult:
     """Choose and judge the best, and leave its files, the controller last."""
     if not plan.decide:
-        best = hall[-1]
+        best = halls[-1]
         seconds = earlier_s + time.monotonic() - started
         return RunResult(plan.folder, best.controller, best, None, simulations, seconds)
     task, rig, settings, seed = plan.task, plan.rig, plan.settings, plan.seed
-    hall = hall_of_fame(hall, settings)
+    hall = hall_of_fame(halls, settings)
     with _pool(plan, settings.decide_form, settings.verify_timestep_s) as pool:
         verified = stated_hits(task, pool, rig, settings, seed, hall)
     with _pool(plan, settings.decide_form, settings.decide_timestep_s) as pool:
         hall = who_hit_most(hall, verified + stated_hits(task, pool, rig, settings, seed, hall))
         best, validation, held_out = decide(task, pool, rig, settings, seed, hall)
         golden = golden_trace(pool, best.controller, held_out)
+        found = pareto(task, pool, rig, settings, seed, halls)
+    if found:
+        write_whole(plan.folder / PARETO, pareto_text(found).encode())
     controller = dataclasses.replace(best.controller, provenance=_provenance(plan, best, validation), golden=golden)
     origin = {"generation": best.generation, "individual": best.individual, "program": best.program}
     text = validation_text(origin, validation, held_out.goal_m.tolist())
@@ -327,7 +349,7 @@ def _search(
             before, simulations = time.monotonic(), cache.simulations
             population = ask(plan.engine, settings, plan.seed, generation)
             generation = _tell(plan, pool, cache, number, population)
-            chosen = candidates(generation, _HALL_OF_A_GENERATION)
+            chosen = candidates(generation, candidates_of(settings, number))
             row = generation_row(generation, cache.simulations - simulations, time.monotonic() - before)
             history.record(
                 row,

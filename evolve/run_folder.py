@@ -6,7 +6,7 @@ import dataclasses
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +19,7 @@ RUN: Final = "run.toml"
 HISTORY: Final = "history.sqlite"
 BEST: Final = "best.controller.toml"
 VALIDATION: Final = "validation.json"
+PARETO: Final = "pareto.json"
 
 _NAMED_RUNS_MAX: Final = 10_000
 
@@ -129,6 +130,18 @@ def validation_text(best: Mapping[str, Any], validation: Validation, goal_m: lis
     """
     content = {"format": 1, "best": dict(best), "held_out": dataclasses.asdict(validation), "goal_m": goal_m}
     return json.dumps(content, indent=2) + "\n"
+
+
+def pareto_text(front: Sequence[Mapping[str, Any]]) -> str:
+    """Return the text of `pareto.json`.
+
+    Args:
+        front: what `evolve.decide.front` says of each candidate on it
+
+    Returns:
+        the text
+    """
+    return json.dumps({"format": 1, "front": [dict(one) for one in front]}, indent=2) + "\n"
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -50,7 +50,7 @@ class Generation:
     @property
     def complete(self) -> npt.NDArray[np.bool_]:
         """Return who met all conditions, (population,)."""
-        return self.evaluation.met == len(self.conditions)
+        return np.asarray(self.evaluation.met == len(self.conditions))
 
     def best(self, count: int) -> list[int]:
         """Return the best individuals of different programs that met all conditions, best first."""
