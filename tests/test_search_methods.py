@@ -12,7 +12,6 @@ from evolve import RunConfig, apply_overrides, evolve, load_task, ordered_dump
 
 TASK = load_task("lamp-robust")
 SMALL = [
-]
     "population=20",
     "generations=3",
     "goals=3",
