@@ -10,7 +10,7 @@ from controller.controller import Controller, Output
 from controller.errors import InputError
 from controller.program import Program
 from controller.rig import Joint, Rig
-from controller.terminals import TerminalSpec, joint_scale, pose_channel, resolve_terminals
+from controller.terminals import TerminalSpec, angle_channel, joint_scale, pose_channel, resolve_terminals
 
 COUNT_MAX: Final = 1 << 30
 """`SV_COUNT_MAX` of `runtime/sv_cycle.c`: counts saturate here, and a count at zero is below."""
@@ -31,6 +31,9 @@ class OutputSpec:
         zero: counts at 0 SI
         count_low: smallest goal count that the rig allows
         count_high: largest goal count that the rig allows
+        angle: encoder of a limited joint that a velocity drives, else channel -1
+        angle_low: a velocity that would carry the joint below it within a period commands 0 [rad]
+        angle_high: likewise above [rad]
     """
 
     name: str
@@ -43,6 +46,9 @@ class OutputSpec:
     zero: int
     count_low: int
     count_high: int
+    angle: TerminalSpec
+    angle_low: float
+    angle_high: float
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,7 @@ class CycleSpec:
         x: base pose along x [m], channel -1 where the rig has none
         y: base pose along y [m], likewise
         heading: base heading [rad], likewise
+        facing: angle of the direction that the rig looks in from the heading [rad], likewise
     """
 
     program: Program
@@ -74,6 +81,7 @@ class CycleSpec:
     x: TerminalSpec
     y: TerminalSpec
     heading: TerminalSpec
+    facing: TerminalSpec
 
 
 def resolve_cycle(controller: Controller, rig: Rig) -> CycleSpec:
@@ -103,6 +111,7 @@ def resolve_cycle(controller: Controller, rig: Rig) -> CycleSpec:
         )
     terminals = resolve_terminals(controller, rig)
     pose = {name: pose_channel(rig, name) for name in ("x", "y", "heading")}
+    pose["facing"] = angle_channel(rig, rig.facing)
     for spec in (*terminals, *pose.values()):
         if abs(spec.zero) >= COUNT_MAX:
             raise InputError(f"rig '{rig.name}': zero {spec.zero} of '{spec.name}' is not within 2^30; correct it")
@@ -140,13 +149,17 @@ def slew_step(controller: Controller) -> float:
 
 
 def _output(controller: Controller, output: Output, joint: Joint, rig: Rig) -> OutputSpec:
-    if output.kind != "position":
+    if output.kind != joint.mode:
         raise InputError(
-            f"{controller.name}: output '{output.name}' commands a {output.kind}, but rig '{rig.name}' runs its servos "
-            'in position mode; use kind = "position"'
+            f"{controller.name}: output '{output.name}' commands a {output.kind}, but joint '{joint.name}' of rig "
+            f"'{rig.name}' is in {joint.mode} mode; use kind = \"{joint.mode}\""
         )
-    scale = joint_scale(joint)
-    counts = sorted(joint.zero_tick + round(angle / scale) for angle in (joint.low_rad, joint.high_rad))
+    velocity = joint.mode == "velocity"
+    scale = joint.sign * joint.product.velocity_unit_rad_s if velocity else joint_scale(joint)
+    zero = 0 if velocity else joint.zero_tick
+    limits = (-joint.speed_rad_s_max, joint.speed_rad_s_max) if velocity else (joint.low_rad, joint.high_rad)
+    counts = sorted(zero + round(limit / scale) for limit in limits)
+    guarded = velocity and not joint.unlimited
     return OutputSpec(
         name=output.name,
         kind=output.kind,
@@ -155,7 +168,10 @@ def _output(controller: Controller, output: Output, joint: Joint, rig: Rig) -> O
         neutral=output.neutral,
         unit_scale=unit_scale(output),
         count_scale=1.0 / scale,
-        zero=joint.zero_tick,
+        zero=zero,
         count_low=counts[0],
         count_high=counts[1],
+        angle=angle_channel(rig, joint.name if guarded else None),
+        angle_low=joint.low_rad if guarded else 0.0,
+        angle_high=joint.high_rad if guarded else 0.0,
     )

@@ -53,6 +53,9 @@ class SvOutput(ctypes.Structure):
         ("zero", c_int32),
         ("count_low", c_int32),
         ("count_high", c_int32),
+        ("angle", SvTerminal),
+        ("angle_low", c_float),
+        ("angle_high", c_float),
     ]
 
 
@@ -70,6 +73,7 @@ class SvCycle(ctypes.Structure):
         ("x", SvTerminal),
         ("y", SvTerminal),
         ("heading", SvTerminal),
+        ("facing", SvTerminal),
     ]
 
 

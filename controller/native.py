@@ -124,6 +124,7 @@ class NativeCycle:
             _terminal(spec.x),
             _terminal(spec.y),
             _terminal(spec.heading),
+            _terminal(spec.facing),
         )
         if library().sv_cycle_verify(byref(self._cycle)) != 0:
             raise InputError(
@@ -249,4 +250,7 @@ def _output(spec: OutputSpec) -> SvOutput:
         spec.zero,
         spec.count_low,
         spec.count_high,
+        _terminal(spec.angle),
+        spec.angle_low,
+        spec.angle_high,
     )

@@ -200,29 +200,40 @@ class ReferenceCycle:
             ]
             raw_outputs = self._program.step(terminals)
             outputs = [_clamp(spec, value) for spec, value in zip(self.spec.outputs, raw_outputs, strict=True)]
-            counts = [self._count(i, value) for i, value in enumerate(outputs)]
+            counts = [self._count(i, value, raw) for i, value in enumerate(outputs)]
         self._k += 1
         return np.array(terminals, F), np.array(outputs, F), np.array(counts, np.int32)
 
     def _locate_goal(self, dist: F, bearing: F, raw: Sequence[int] | Counts) -> tuple[F, F]:
-        """Return the goal along and across the heading."""
+        """Return the goal along and across the direction that the rig looks in."""
         x, y, heading = (_decode(spec, raw) for spec in (self.spec.x, self.spec.y, self.spec.heading))
         if self._k == 0:
             direction = heading + bearing
             self._goal = (x + dist * float_math.cos(direction), y + dist * float_math.sin(direction))
+        if self.spec.facing.channel >= 0:
+            heading = heading + _decode(self.spec.facing, raw)
         dx, dy = self._goal[0] - x, self._goal[1] - y
         c, s = float_math.cos(heading), float_math.sin(heading)
         px, py = dx * c + dy * s, dy * c - dx * s
         self._goal_met = self._goal_met or bool(abs(px) <= _GOAL_RADIUS)
         return px, py
 
-    def _count(self, index: int, value: F) -> int:
-        """Return the goal count of one output: converted, filtered, limited in rate."""
+    def _count(self, index: int, value: F, raw: Sequence[int] | Counts) -> int:
+        """Return the goal count of one output: converted, filtered, limited in rate, kept within the joint's travel."""
         output = self.spec.outputs[index]
         target = _follow(self._held[index], value * F(output.unit_scale), F(self.spec.filter), F(self.spec.slew_step))
         self._held[index] = target
-        count = output.zero + _round(target * F(output.count_scale))
+        command = _ZERO if self._is_beyond(output, target, raw) else target
+        count = output.zero + _round(command * F(output.count_scale))
         return min(max(count, output.count_low), output.count_high)
+
+    def _is_beyond(self, output: OutputSpec, velocity: F, raw: Sequence[int] | Counts) -> bool:
+        """Return whether a velocity would carry a limited joint beyond its limits within this period."""
+        if output.kind != "velocity" or output.angle.channel < 0:
+            return False
+        angle = _decode(output.angle, raw) + velocity * F(self.spec.period_s)
+        above, below = angle > F(output.angle_high), angle < F(output.angle_low)
+        return bool((velocity > _ZERO and above) or (velocity < _ZERO and below))
 
 
 def _decode(spec: TerminalSpec, raw: Sequence[int] | Counts) -> F:

@@ -97,6 +97,22 @@ def pose_channel(rig: Rig, name: str) -> TerminalSpec:
     return TerminalSpec(name, TerminalKind.RAW, "rad" if name == "heading" else "m")
 
 
+def angle_channel(rig: Rig, joint: str | None) -> TerminalSpec:
+    """Return how the cycle reads a joint's encoder.
+
+    Args:
+        rig: the rig
+        joint: name of the joint, or None
+
+    Returns:
+        its specification; channel -1 without a joint
+    """
+    for index, one in enumerate(rig.joints):
+        if one.name == joint:
+            return _joint_terminals(rig, index)[0]
+    return TerminalSpec("none", TerminalKind.RAW, "rad")
+
+
 def resolve_terminals(controller: Controller, rig: Rig) -> tuple[TerminalSpec, ...]:
     """Find a controller's terminals on a rig.
 

@@ -8,6 +8,7 @@ joints also has an actuator with the name of each: ``<position>`` or ``<velocity
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -20,6 +21,7 @@ from controller.rig import Joint, Rig
 from sim_models.servo import joint_parameters, set_servo
 
 Form: TypeAlias = Literal["free", "planar"]
+Scene: TypeAlias = Callable[[mujoco.MjSpec], None]
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 SETTLE_S = 1.0
@@ -65,7 +67,9 @@ class Pose:
     pitch: float
 
 
-def build_model(rig: Rig, *, form: Form = "free", timestep_s: float = 0.002, lean: bool = False) -> mujoco.MjModel:
+def build_model(
+    rig: Rig, *, form: Form = "free", timestep_s: float = 0.002, lean: bool = False, scene: Scene | None = None
+) -> mujoco.MjModel:
     """Compile the body of a rig with the rig's servos.
 
     Args:
@@ -73,6 +77,7 @@ def build_model(rig: Rig, *, form: Form = "free", timestep_s: float = 0.002, lea
         form: "free" for a free base; "planar" for a base that slides along x and z and pitches about y
         timestep_s: MuJoCo's step, which must divide the rig's period [s]
         lean: keep only what rollouts read: no sensors, cameras, lights or visual geoms
+        scene: adds to the body's world what stands in its way, before the model is compiled
 
     Returns:
         The model; its actuators have the names of the rig's joints, driven by goal angles [rad] or rates [rad/s].
@@ -92,6 +97,8 @@ def build_model(rig: Rig, *, form: Form = "free", timestep_s: float = 0.002, lea
     _add_motors(spec, rig)
     if form == "planar":
         _make_planar(spec)
+    if scene is not None:
+        scene(spec)
     if lean:
         _make_lean(spec)
     spec.option.timestep = timestep_s

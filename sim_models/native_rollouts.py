@@ -23,7 +23,7 @@ SENSOR_MAX: Final = 32
 GOAL_RING: Final = 64
 SAMPLE_RING: Final = 512
 TRACE_POSE: Final = ("x", "y", "z", "heading", "roll", "pitch", "clearance", "force", "px")
-SENSORS: Final = ("x", "y", "z", "heading", "roll", "pitch", "force")
+SENSORS: Final = ("x", "y", "z", "heading", "roll", "pitch", "force", "vx", "vy", "vz")
 
 
 class SvRolloutSetup(ctypes.Structure):
@@ -31,13 +31,14 @@ class SvRolloutSetup(ctypes.Structure):
 
     _fields_: ClassVar = [
         *((name, c_int32) for name in ("nstep", "nsub", "form", "base", "njoint", "nfoot", "nhead", "nsensor")),
-        *((name, c_int32) for name in ("window", "stop_head", "stop_flight_substeps")),
+        *((name, c_int32) for name in ("window", "stop_head", "stop_flight_substeps", "stop_early", "timer")),
         *((name, c_double) for name in ("stop_tilt_cos", "base_z", "foot_radius")),
         ("foot", c_double * (3 * FOOT_MAX)),
         ("neutral", c_double * JOINT_MAX),
+        ("rest", c_double * JOINT_MAX),
         ("torque_max", c_double * JOINT_MAX),
         ("head", c_int32 * HEAD_MAX),
-        *((name, c_int32 * JOINT_MAX) for name in ("qpos", "dof", "actuator")),
+        *((name, c_int32 * JOINT_MAX) for name in ("qpos", "dof", "actuator", "unlimited")),
         ("sensor", c_int32 * SENSOR_MAX),
         *((name, c_void_p) for name in ("qpos0", "encoder", "sample", "sampled")),
     ]
@@ -54,6 +55,7 @@ class SvRolloutCase(ctypes.Structure):
         *((name, c_float) for name in ("pose_noise", "angle_noise", "force_noise")),
         ("encoder_bias", c_float * JOINT_MAX),
         ("initial", c_float * JOINT_MAX),
+        ("input_scale", c_float * JOINT_MAX),
     ]
 
 

@@ -20,9 +20,10 @@ from controller.errors import InputError, RunError
 from controller.native import NativeCycle
 from controller.rig import Rig
 from sim_models import native_rollouts as native
-from sim_models.body import Form, Layout, body_layout, build_model, settled_data, substeps
+from sim_models.body import Form, Layout, Scene, body_layout, build_model, settled_data, substeps
 from sim_models.perturbations import Perturbations
 from sim_models.raw_channels import full_load_torque, raw_encoders, sampled_substeps, samples_at_instants
+from sim_models.servo import joint_parameters
 from sim_models.simulated_models import SimulatedModels
 from sim_models.statistics import STATISTICS, STATUS_ERROR
 
@@ -145,7 +146,7 @@ def trace_channels(rig: Rig) -> tuple[str, ...]:
 
     Returns:
         Pose of the base, clearance of the lowest foot, contact force, px; then each joint's angle ``a``, rate
-        ``a_vel``, load ``a_load`` (1 is the current limit) and goal angle ``a_goal``. SI units.
+        ``a_vel``, load ``a_load`` (1 is its limit) and goal ``a_goal``, an angle or a rate. SI units.
     """
     names = [joint.name for joint in rig.joints]
     return (*native.TRACE_POSE, *(name + suffix for suffix in ("", "_vel", "_load", "_goal") for name in names))
@@ -161,7 +162,13 @@ class RolloutPool:
         time_limit_s: how long a rollout lasts [s]
         threads: threads that simulate; None: one per CPU this process may use
         stop: when a rollout is over before its time
-        model: a model to run instead of the rig's nominal lean one, made by `build_model` for the same rig
+        model: a model to run instead of the rig's nominal one, made by `build_model` for the same rig
+        scene: what stands in the body's way, as `build_model` takes it
+        lean: leave out what no statistic needs, such as sensors that are no terminals
+        timer: keep the timer that MuJoCo's Python bindings call at every step
+        stop_early: end a rollout that is over; False: simulate on to its full time, to no other end
+
+    `lean`, `timer` and `stop_early` change what a rollout costs and nothing that it gives.
 
     Raises:
         InputError: the step does not divide the period, or the native library is not there
@@ -177,19 +184,29 @@ class RolloutPool:
         threads: int | None = None,
         stop: StopConditions | None = None,
         model: mujoco.MjModel | None = None,
+        scene: Scene | None = None,
+        lean: bool = True,
+        timer: bool = False,
+        stop_early: bool = True,
     ) -> None:
         self.rig = rig
         self.nstep = round(time_limit_s / rig.period_s)
         if self.nstep < 1:
             raise InputError(f"time limit {time_limit_s:g} s: shorter than one period of {rig.period_s:g} s; extend it")
         self._lib = native.rollout_library()
-        self._model = build_model(rig, form=form, timestep_s=timestep_s, lean=True) if model is None else model
+        if model is None:
+            model = build_model(rig, form=form, timestep_s=timestep_s, lean=lean, scene=scene)
+            # islands cost time and may change the last bits: the same with and without `lean`
+            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+        self._model = model
         self._timestep_s = float(self._model.opt.timestep)
         self._threads = len(os.sched_getaffinity(0)) if threads is None else threads
         if self._threads < 1:
             raise InputError(f"threads {threads}: at least one must simulate; give 1 or more")
         self._keep: list[Any] = []
         self._setup = self._make_setup(stop or StopConditions())
+        self._setup.stop_early = int(stop_early)
+        self._setup.timer = int(timer)
         self._models: SimulatedModels | None = None
         self._specs: dict[tuple[object, ...], CycleSpec] = {}
 
@@ -269,8 +286,10 @@ class RolloutPool:
             native_cases[part].ctypes.data,
             ctypes.byref(results),
         )
-        if failed:
-            which = int(np.flatnonzero(rollouts.statistics["status"][part] == STATUS_ERROR)[0])
+        # one that failed after its stop has its statistics
+        lost = np.flatnonzero(rollouts.statistics["status"][part] == STATUS_ERROR)
+        if failed and len(lost):
+            which = int(lost[0])
             raise RunError(f"{self.rig.name}: MuJoCo failed in simulation {which}: {self._models.error(which)}")
 
     def _make_setup(self, stop: StopConditions) -> native.SvRolloutSetup:
@@ -311,6 +330,8 @@ class RolloutPool:
         setup.head[: len(layout.head_geoms)] = layout.head_geoms.tolist()
         for index, joint in enumerate(rig.joints):
             setup.neutral[index] = joint.neutral_rad
+            setup.rest[index] = 0.0 if joint.mode == "velocity" else joint.neutral_rad
+            setup.unlimited[index] = int(joint.unlimited)
             limit_nm = float(self._model.actuator_forcerange[layout.actuator[index], 1])
             setup.torque_max[index] = full_load_torque(joint, limit_nm)
             setup.qpos[index] = layout.qpos[index]
@@ -374,7 +395,19 @@ class RolloutPool:
         njoint = len(self.rig.joints)
         packed["encoder_bias"][:, :njoint] = perturbations.encoder_bias_rad[rows]
         packed["initial"][:, :njoint] = perturbations.initial_rad[rows]
+        packed["input_scale"][:, :njoint] = self._input_scales(perturbations)[rows]
         return packed
+
+    def _input_scales(self, perturbations: Perturbations) -> npt.NDArray[np.float64]:
+        """Return what each motor's input is over its goal, (nrow, njoint)."""
+        scales = np.ones((len(perturbations), len(self.rig.joints)))
+        for place, joint in enumerate(self.rig.joints):
+            if joint.mode == "velocity" and not joint.ideal:
+                scales[:, place] = [
+                    joint_parameters(joint, self.rig.supply_v * float(voltage)).input_scale
+                    for voltage in perturbations.voltage
+                ]
+        return scales
 
     def _allocate(self, n: int, traces: bool, record: bool) -> Rollouts:
         """Make the arrays that the results go to."""

@@ -32,11 +32,13 @@ FIELDS: Final = (
     ("max_tilt", "rad", "its largest value"),
     ("end_speed", "m/s", "largest speed of the base during the last 0.2 s"),
     ("end_joint_error", "rad", "mean |angle - neutral| of the joints at the end"),
+    ("end_joint_speed", "rad/s", "mean |rate| of the joints at the end"),
     ("max_clearance", "m", "largest height of the lowest foot above the floor"),
     ("path", "m", "horizontal path of the base"),
     ("ground_path", "m", "the part of it in periods that begin and end with a foot lower than 2 mm: sliding"),
     ("path_after_hit", "m", "the part of the path after first_hit_step"),
     ("joint_path_after_hit", "rad", "mean path of the joints after first_hit_step"),
+    ("peak_torque", "1", "largest |load| of any joint, 1 is its limit"),
     (
         "status",
         "",
@@ -47,8 +49,9 @@ FIELDS: Final = (
     ("upright_end", "", "1 if not fallen and end_tilt is at most 0.35 rad"),
     ("alive_steps", "", "control periods completed"),
     ("hops", "", "times that all feet rose to 10 mm, with a landing (a foot below 2 mm) between"),
-    ("first_hit_step", "", "first control instant with |px| <= 0.015 m (the papers' hit), or -1"),
+    ("first_hit_step", "", "first control instant within 0.015 m of the goal (the papers' hit), or -1"),
     ("arrive_step", "", "control instant since which the base has stayed within 0.015 m of the goal, or -1"),
+    ("idle_steps", "", "control instants before arrive_step, or the end, at which the base was slower than 0.02 m/s"),
 )
 """Name, unit and meaning of each field, in the order of `sv_statistics` in `native/rollout.h`."""
 

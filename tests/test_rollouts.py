@@ -115,7 +115,8 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
         up = base_rotation(model, data)[2, 2]
         speed = np.linalg.norm(data.qvel[:3] if form == "free" else data.qvel[:2])
         place = (pose.x, pose.y, pose.heading, math.acos(up), clearance(model, data, layout), speed)
-        states.append((*place, *data.qpos[layout.qpos]))
+        rates, shares = data.qvel[layout.dof], loads(rig, model, data.actuator_force[layout.actuator])
+        states.append((*place, *data.qpos[layout.qpos], *rates, *shares))
 
     def look(substep):
         pose = dataclasses.asdict(base_pose(model, data)) | {"force": base_force(model, data)}
@@ -134,7 +135,7 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
         for suffix, values in (
             ("", data.qpos[layout.qpos] + row.encoder_bias_rad[0].astype(np.float32)),
             ("_vel", data.qvel[layout.dof]),
-            ("_load", loads(rig, data.actuator_force[layout.actuator])),
+            ("_load", loads(rig, model, data.actuator_force[layout.actuator])),
         ):
             raw += [encode(specs[j.name + suffix], v) for j, v in zip(rig.joints, values, strict=True)]
         for channel, sensor in enumerate(rig.sensors):
@@ -164,7 +165,7 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
 def judged(states, goal):
     """Compute the statistics of a rollout from its states at control instants, in plain numpy."""
     x, y, heading, tilt, height, speed = states[:, :6].T
-    joints = states[:, 6:]
+    joints, rates, shares = np.split(states[:, 6:], 3, axis=1)
     direction = heading[0] + goal[1]
     goal_x, goal_y = x[0] + goal[0] * math.cos(direction), y[0] + goal[0] * math.sin(direction)
     error = np.hypot(goal_x - x, goal_y - y)
@@ -172,10 +173,11 @@ def judged(states, goal):
     moved = np.hypot(np.diff(x), np.diff(y))
     turned = np.abs(np.diff(joints, axis=0)).mean(axis=1)
     down = height < 0.002
-    hits = np.flatnonzero(np.abs(px) <= 0.015)
+    hits = np.flatnonzero(error <= 0.015)
     first = int(hits[0]) if len(hits) else len(moved)
     outside = np.flatnonzero(error > 0.015)
     arrive = int(outside[-1]) + 1 if len(outside) else 0
+    arrive = arrive if arrive < len(states) else -1
     return {
         "final_error": error[-1],
         "final_px": px[-1],
@@ -196,14 +198,20 @@ def judged(states, goal):
         "alive_steps": len(moved),
         "hops": count_hops(height),
         "first_hit_step": first if len(hits) else -1,
-        "arrive_step": arrive if arrive < len(states) else -1,
+        "arrive_step": arrive,
+        "end_joint_speed": np.abs(rates[-1]).mean(),
+        "peak_torque": np.abs(shares).max(),
+        "idle_steps": int((speed[: arrive if arrive >= 0 else None] < 0.02).sum()),
     }
 
 
-def loads(rig, torque):
-    """Return torques as shares of the current limit, by way of the current."""
+def loads(rig, model, torque):
+    """Return torques as shares of the current limit, by way of the current, or of an ideal motor's own limit."""
     shares = []
     for joint, value in zip(rig.joints, torque, strict=True):
+        if joint.ideal:
+            shares.append(value / model.actuator(joint.name).forcerange[1])
+            continue
         limit = registers(joint.product)["current_limit"]
         full = joint.product.stall_torque_nm * limit.high * limit.scale / joint.product.stall_current_a
         shares.append(value / full)

@@ -46,11 +46,17 @@ static int32_t sv_verify_terminal(const sv_terminal* terminal, int32_t nraw) {
          terminal->scale != 0.0F;
 }
 
-static int32_t sv_verify_output(const sv_output* output) {
+// a channel that may be missing: channel < 0
+static int32_t sv_verify_optional(const sv_terminal* terminal, int32_t nraw) {
+  return terminal->kind == SV_TERMINAL_RAW && (terminal->channel < 0 || sv_verify_terminal(terminal, nraw));
+}
+
+static int32_t sv_verify_output(const sv_output* output, int32_t nraw) {
   return (output->kind == SV_OUTPUT_POSITION || output->kind == SV_OUTPUT_VELOCITY) && sv_is_finite(output->low) &&
          sv_is_finite(output->high) && output->low <= output->neutral && output->neutral <= output->high &&
          sv_is_finite(output->unit_scale) && sv_is_finite(output->count_scale) && sv_is_zero_count(output->zero) &&
-         output->count_low <= output->count_high;
+         output->count_low <= output->count_high && sv_verify_optional(&output->angle, nraw) &&
+         output->angle_low <= output->angle_high;
 }
 
 int32_t sv_cycle_verify(const sv_cycle* cycle) {
@@ -69,15 +75,14 @@ int32_t sv_cycle_verify(const sv_cycle* cycle) {
       return SV_ERROR_CYCLE;
     }
   }
-  // the pose may be missing: channel < 0
-  const sv_terminal* pose[3] = {&cycle->x, &cycle->y, &cycle->heading};
-  for (int32_t i = 0; i < 3; i++) {
-    if (pose[i]->kind != SV_TERMINAL_RAW || (pose[i]->channel >= 0 && !sv_verify_terminal(pose[i], cycle->nraw))) {
+  const sv_terminal* pose[4] = {&cycle->x, &cycle->y, &cycle->heading, &cycle->facing};
+  for (int32_t i = 0; i < 4; i++) {
+    if (!sv_verify_optional(pose[i], cycle->nraw)) {
       return SV_ERROR_CYCLE;
     }
   }
   for (int32_t i = 0; i < cycle->program->noutput; i++) {
-    if (!sv_verify_output(cycle->outputs + i)) {
+    if (!sv_verify_output(cycle->outputs + i, cycle->nraw)) {
       return SV_ERROR_CYCLE;
     }
   }
@@ -126,12 +131,12 @@ static float sv_direction(float x, float y) {
   return y < 0.0F ? -kHalfPi : 0.0F;
 }
 
-// (goal, pose) => goal seen from the base: along and across the heading [m]
+// (goal, pose) => goal seen from the base: along and across the direction that the rig looks in [m]
 static void sv_locate_goal(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* state, const int32_t* raw,
                            float* px, float* py) {
   const float x = sv_decode(&cycle->x, raw);
   const float y = sv_decode(&cycle->y, raw);
-  const float heading = sv_decode(&cycle->heading, raw);
+  float heading = sv_decode(&cycle->heading, raw);
   float along;
   float across;
 
@@ -144,6 +149,9 @@ static void sv_locate_goal(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_
     state->goal_y = y + across;
   }
 
+  if (cycle->facing.channel >= 0) {
+    heading += sv_decode(&cycle->facing, raw);
+  }
   const float c = sv_cos(heading);
   const float s = sv_sin(heading);
   const float dx = state->goal_x - x;
@@ -186,6 +194,16 @@ static float sv_follow(const sv_cycle* cycle, float held, float target) {
   return target;
 }
 
+// whether a velocity would carry a limited joint beyond its limits within this period
+static int32_t sv_is_beyond(const sv_cycle* cycle, const sv_output* output, float velocity, const int32_t* raw) {
+  if (output->kind != SV_OUTPUT_VELOCITY || output->angle.channel < 0) {
+    return 0;
+  }
+  const float way = velocity * cycle->period_s;
+  const float angle = sv_decode(&output->angle, raw) + way;
+  return (velocity > 0.0F && angle > output->angle_high) || (velocity < 0.0F && angle < output->angle_low);
+}
+
 void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* state, float* registers,
                    float* program_state, const int32_t* raw, float* terminals, float* outputs, int32_t* goal_counts) {
   const sv_program* program = cycle->program;
@@ -226,12 +244,13 @@ void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* s
   // program
   sv_step(program, cycle->period_s, terminals, registers, program_state, outputs);
 
-  // clamp, filter, slew, counts
+  // clamp, filter, slew, guard, counts
   for (int32_t i = 0; i < program->noutput; i++) {
     const sv_output* output = cycle->outputs + i;
     outputs[i] = sv_clamp_output(output, outputs[i]);
     state->held[i] = sv_follow(cycle, state->held[i], outputs[i] * output->unit_scale);
-    const int32_t count = output->zero + sv_round(state->held[i] * output->count_scale);
+    const float command = sv_is_beyond(cycle, output, state->held[i], raw) ? 0.0F : state->held[i];
+    const int32_t count = output->zero + sv_round(command * output->count_scale);
     goal_counts[i] = sv_clamp_count(count, output->count_low, output->count_high);
   }
   if (state->k < INT32_MAX) {

@@ -21,10 +21,10 @@ typedef enum {
   SV_TERMINAL_TIME = 0,          // t = k * period [s]
   SV_TERMINAL_RAW = 1,           // (raw[channel] - zero) * scale
   SV_TERMINAL_GOAL_DIST = 2,     // the task's goal distance [m]
-  SV_TERMINAL_PX = 3,            // goal - base along the heading [m]
-  SV_TERMINAL_PY = 4,            // goal - base across the heading, to the left [m]
+  SV_TERMINAL_PX = 3,            // goal - base along the direction that the rig looks in [m]
+  SV_TERMINAL_PY = 4,            // goal - base across it, to the left [m]
   SV_TERMINAL_GOAL_MET = 5,      // 1 once |px| <= 0.015 m has held, latched, else 0
-  SV_TERMINAL_HEADING_ERROR = 6  // bearing to the goal - heading, wrapped to +-pi [rad]
+  SV_TERMINAL_HEADING_ERROR = 6  // bearing to the goal - that direction, wrapped to +-pi [rad]
 } sv_terminal_kind;
 
 typedef struct {
@@ -46,6 +46,9 @@ typedef struct {
   int32_t zero;       // counts at 0 SI
   int32_t count_low;  // the rig's own limits, in counts
   int32_t count_high;
+  sv_terminal angle;  // of a limited joint that a velocity drives: SV_TERMINAL_RAW; channel < 0: not guarded
+  float angle_low;    // a velocity that would carry the joint beyond these within a period commands 0 [rad]
+  float angle_high;
 } sv_output;
 
 typedef struct {
@@ -59,6 +62,7 @@ typedef struct {
   sv_terminal x;    // base pose [m], [m], [rad]: SV_TERMINAL_RAW, or channel < 0 where the rig has none (reads 0)
   sv_terminal y;
   sv_terminal heading;
+  sv_terminal facing;  // angle of the direction that the rig looks in from the heading [rad], likewise
 } sv_cycle;
 
 typedef struct {

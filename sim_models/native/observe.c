@@ -31,9 +31,11 @@ void sv_observe(const sv_rollout_setup* setup, const mjData* d, sv_view* view) {
   if (setup->form == SV_FORM_FREE) {
     rotation_free(d->qpos + 3, view->r);
     view->x = d->qpos[0], view->y = d->qpos[1], view->z = d->qpos[2];
+    view->v[0] = d->qvel[0], view->v[1] = d->qvel[1], view->v[2] = d->qvel[2];
   } else {
     rotation_planar(d->qpos[2], view->r);
     view->x = d->qpos[0], view->y = 0, view->z = d->qpos[1] + setup->base_z;
+    view->v[0] = d->qvel[0], view->v[1] = 0, view->v[2] = d->qvel[1];
   }
 
   // lowest foot
@@ -48,6 +50,12 @@ void sv_observe(const sv_rollout_setup* setup, const mjData* d, sv_view* view) {
 
 double sv_quantity(const sv_view* view, sv_sensor sensor) {
   double sine = -view->r[6];
+  double ahead[2] = {view->r[0], view->r[3]}, level = sqrt(ahead[0] * ahead[0] + ahead[1] * ahead[1]);
+  if (level > 0) {
+    ahead[0] /= level, ahead[1] /= level;
+  } else {
+    ahead[0] = 1, ahead[1] = 0;
+  }
   switch (sensor) {
     case SV_SENSOR_X:
       return view->x;
@@ -61,6 +69,12 @@ double sv_quantity(const sv_view* view, sv_sensor sensor) {
       return atan2(view->r[7], view->r[8]);
     case SV_SENSOR_PITCH:
       return asin(sine > 1 ? 1 : (sine < -1 ? -1 : sine));
+    case SV_SENSOR_VX:
+      return view->v[0] * ahead[0] + view->v[1] * ahead[1];
+    case SV_SENSOR_VY:
+      return view->v[1] * ahead[0] - view->v[0] * ahead[1];
+    case SV_SENSOR_VZ:
+      return view->v[2];
     default:
       return view->force;
   }

@@ -7,6 +7,7 @@
 
 typedef struct {     // the base as an ideal camera and load cell see it
   double x, y, z;    // [m]
+  double v[3];       // velocity, in the world's frame [m/s]
   double r[9];       // rotation from the base's frame to the world's, row by row
   double clearance;  // of the lowest foot [m]
   double force;      // sum of the normal contact forces on the base [N]
@@ -19,12 +20,15 @@ typedef struct {  // running values of the statistics
   double speed[SV_GOAL_RING];
   double lowest_up;  // smallest cosine of the tilt
   int32_t airborne;
+  int32_t idle;          // control instants so far at which the base stood
+  int32_t idle_arrived;  // the same before arrive_step
 } sv_record;
 
-// (qpos) => pose and clearance of the base; force is left alone.
+// (qpos, qvel) => pose, velocity and clearance of the base; force is left alone.
 void sv_observe(const sv_rollout_setup* setup, const mjData* d, sv_view* view);
 
-// Return one of the quantities that a sensor shows, angles about z, y, x in this order.
+// Return one of the quantities that a sensor shows: angles about z, y, x in this order, velocities along the heading,
+// to its left and up.
 double sv_quantity(const sv_view* view, sv_sensor sensor);
 
 // Return the sum of the normal forces of the base's contacts, of the state before the last mj_step.

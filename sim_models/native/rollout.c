@@ -22,7 +22,7 @@ typedef struct {  // what one simulation remembers while it runs
   int32_t flight;                           // of these, how many in a row without a contact of the base
   uint8_t read[SV_RAW_MAX];                 // which raw channels the cycle reads, or the results keep
   int32_t reads_force;                      // whether one of them is the contact force
-  double goal[SV_GOAL_RING][SV_JOINT_MAX];  // goal angles of the last periods [rad]
+  double goal[SV_GOAL_RING][SV_JOINT_MAX];  // goals of the last periods [rad, rad/s]
   sv_view sample[SV_SAMPLE_RING];           // states of the last substeps that a channel samples
   float registers[REGISTER_MAX];
   float program_state[SV_STATE_MAX];
@@ -44,7 +44,7 @@ static void start(const sv_job* job, const mjModel* m, mjData* d, const sv_rollo
   mju_copy(d->qpos, setup->qpos0, (int)m->nq);
   for (int j = 0; j < setup->njoint; j++) {
     d->qpos[setup->qpos[j]] += (double)own->initial[j];
-    d->ctrl[setup->actuator[j]] = setup->neutral[j];
+    d->ctrl[setup->actuator[j]] = setup->rest[j];
   }
   mj_forward(m, d);
   memory->substep = 0;
@@ -88,7 +88,10 @@ static double sensor_value(const sv_rollout_setup* setup, const sv_rollout_case*
                            int32_t k, int32_t channel) {
   int32_t at = setup->sample[k * setup->nsensor + channel], kind = setup->sensor[channel];
   double value = sv_quantity(memory->sample + at % SV_SAMPLE_RING, (sv_sensor)kind);
-  float noise = kind == SV_SENSOR_FORCE ? own->force_noise : (kind <= SV_SENSOR_Z ? own->pose_noise : own->angle_noise);
+  float noise = kind == SV_SENSOR_FORCE   ? own->force_noise
+                : kind <= SV_SENSOR_Z     ? own->pose_noise
+                : kind <= SV_SENSOR_PITCH ? own->angle_noise
+                                          : 0;
   return noise > 0 ? value + (double)noise * sv_noise(own->seed, at, channel) : value;
 }
 
@@ -195,7 +198,8 @@ static int advance(const sv_rollout_setup* setup, const sv_rollout_case* own, co
     int32_t age = memory->substep - own->latency;
     if (age >= 0 && age % setup->nsub == 0) {
       for (int32_t j = 0; j < setup->njoint; j++) {
-        d->ctrl[setup->actuator[j]] = memory->goal[age / setup->nsub % SV_GOAL_RING][j];
+        double goal = memory->goal[age / setup->nsub % SV_GOAL_RING][j];
+        d->ctrl[setup->actuator[j]] = goal * (double)own->input_scale[j];
       }
     }
     mj_step(m, d);
@@ -222,6 +226,21 @@ static int32_t fallen(const sv_rollout_setup* setup, const sv_view* view, const 
     return SV_FALL_FLIGHT;
   }
   return SV_FALL_NONE;
+}
+
+// the rest of a simulation that has stopped at control instant k: its cost, and nothing else
+static void simulate_on(const sv_job* job, const mjModel* m, mjData* d, int sim, int32_t k, sv_memory* memory) {
+  const sv_results none = {0};
+  const sv_job silent = {job->setup, job->cases, &none};
+  sv_statistics unseen = {0};
+  sv_view view;
+  for (; k < job->setup->nstep; k++) {
+    sv_observe(job->setup, d, &view);
+    control(&silent, m, d, sim, k, &view, memory);
+    if (advance(job->setup, job->cases + sim, m, d, memory, &unseen)) {
+      return;
+    }
+  }
 }
 
 // one simulation, from reset to end or stop
@@ -257,6 +276,9 @@ static void run_one(const mjModel* m, mjData* d, int sim, void* arg) {
   statistics->status = status;
   if (status == SV_STATUS_DONE) {
     sv_statistics_end(setup, d, &view, k, &memory.record, statistics);
+    if (!setup->stop_early) {
+      simulate_on(job, m, d, sim, k, &memory);
+    }
   }
 }
 
@@ -270,7 +292,9 @@ int32_t sv_rollout_run(mjBatch* batch, const int* ids, int32_t n, const sv_rollo
   mjLogConfig quiet = log;
   quiet.logto_console = 0;
   quiet.logto_file = 0;
-  mjcb_time = NULL;
+  if (!setup->timer) {
+    mjcb_time = NULL;
+  }
   mju_setLogConfig(quiet);
   int failed = mjb_apply(batch, ids, n, run_one, &job, /*save=*/0);
   mju_setLogConfig(log);

@@ -38,7 +38,10 @@ typedef enum {  // what a channel of the sensor node shows
   SV_SENSOR_HEADING = 3,
   SV_SENSOR_ROLL = 4,
   SV_SENSOR_PITCH = 5,
-  SV_SENSOR_FORCE = 6
+  SV_SENSOR_FORCE = 6,
+  SV_SENSOR_VX = 7,
+  SV_SENSOR_VY = 8,
+  SV_SENSOR_VZ = 9
 } sv_sensor;
 
 typedef enum {  // how a rollout went
@@ -61,16 +64,20 @@ typedef struct {                    // what all simulations share
   int32_t window;                   // control periods that end_speed looks back, at most SV_GOAL_RING
   int32_t stop_head;                // stop when the head touches anything
   int32_t stop_flight_substeps;     // stop when the base has touched nothing for this long; 0: never
+  int32_t stop_early;               // end at a stop; 0: simulate on to the end, though nothing is recorded any more
+  int32_t timer;                    // leave MuJoCo's timer callback in place
   double stop_tilt_cos;             // stop when the cosine of the base's tilt is below this; -2: never
   double base_z;                    // planar: height of the base at qpos = 0 [m]
   double foot_radius;               // [m]
   double foot[3 * SV_FOOT_MAX];     // centres of the feet in the base's frame [m]
   double neutral[SV_JOINT_MAX];     // [rad]
+  double rest[SV_JOINT_MAX];        // goal that holds a joint at its neutral angle: the angle, or no rate [rad, rad/s]
   double torque_max[SV_JOINT_MAX];  // servo torque that reads as a load of 1 [N m]
   int32_t head[SV_HEAD_MAX];        // geoms
   int32_t qpos[SV_JOINT_MAX];       // addresses in qpos
   int32_t dof[SV_JOINT_MAX];        // addresses in qvel
   int32_t actuator[SV_JOINT_MAX];   // actuators
+  int32_t unlimited[SV_JOINT_MAX];  // whether the joint may turn for ever
   int32_t sensor[SV_SENSOR_MAX];    // sv_sensor of each channel
   const double* qpos0;              // settled state, (nq)
   const sv_terminal* encoder;       // how each raw channel counts, (nraw): angles, velocities, loads, sensors
@@ -88,6 +95,7 @@ typedef struct {  // what one simulation has of its own, apart from its model
   float force_noise;                 // [N]
   float encoder_bias[SV_JOINT_MAX];  // added to the angles read [rad]
   float initial[SV_JOINT_MAX];       // added to the settled angles [rad]
+  float input_scale[SV_JOINT_MAX];   // what each motor's input is over the goal
 } sv_rollout_case;
 
 typedef struct {               // what one simulation came to; see sim_models/statistics.py
@@ -98,20 +106,23 @@ typedef struct {               // what one simulation came to; see sim_models/st
   float end_tilt;              // angle of the base to the vertical at the end [rad]
   float max_tilt;              // its largest value [rad]
   float end_speed;             // largest speed of the base during the last 0.2 s [m/s]
-  float end_joint_error;       // mean |angle - neutral| at the end [rad]
+  float end_joint_error;       // mean |angle - neutral| at the end, the shorter way round where unlimited [rad]
+  float end_joint_speed;       // mean |rate| of the joints at the end [rad/s]
   float max_clearance;         // of the lowest foot [m]
   float path;                  // horizontal path of the base [m]
   float ground_path;           // the part of it with a foot down at both ends of a period [m]
   float path_after_hit;        // the part of it after first_hit_step [m]
   float joint_path_after_hit;  // mean path of the joints after first_hit_step [rad]
+  float peak_torque;           // largest |load| of any joint
   int32_t status;              // sv_status
   int32_t fallen;              // sv_fall: which condition stopped it
   int32_t head_touched;        // whether the head touched anything
   int32_t upright_end;         // not fallen, and end_tilt is at most 0.35 rad
   int32_t alive_steps;         // control periods completed
   int32_t hops;                // excursions of all feet to at least 10 mm
-  int32_t first_hit_step;      // first control instant with |px| <= 0.015 m, or -1
+  int32_t first_hit_step;      // first control instant within 0.015 m of the goal, or -1
   int32_t arrive_step;         // control instant since which the base stays within 0.015 m of the goal, or -1
+  int32_t idle_steps;          // control instants before arrive_step, or the end, with the base slower than 0.02 m/s
 } sv_statistics;
 
 typedef struct {  // where the results go; all but statistics may be NULL; rows after a stop are left as they were

@@ -9,6 +9,8 @@
 #define HOP_CLEARANCE_M 0.010  // a hop lifts all feet this far; the same as in sim_models/statistics.py
 #define LANDED_M 0.002         // and is over when a foot is lower than this
 #define UPRIGHT_RAD 0.35       // largest tilt of an upright base
+#define IDLE_M_S 0.02          // a base slower than this stands
+#define TURN 6.283185307179586
 
 // square root of a sum of squares; lengths of metres need no care for overflow
 static double length(double a, double b) { return sqrt(a * a + b * b); }
@@ -28,9 +30,8 @@ static double error(const sv_record* record, const sv_view* view) {
 static double angle(double cosine) { return acos(cosine > 1 ? 1 : (cosine < -1 ? -1 : cosine)); }
 
 // speed of the base's centre
-static double speed(const sv_rollout_setup* setup, const mjData* d) {
-  double vz = setup->form == SV_FORM_FREE ? d->qvel[2] : 0;
-  return sqrt(d->qvel[0] * d->qvel[0] + d->qvel[1] * d->qvel[1] + vz * vz);
+static double speed(const sv_view* view) {
+  return sqrt(view->v[0] * view->v[0] + view->v[1] * view->v[1] + view->v[2] * view->v[2]);
 }
 
 void sv_statistics_begin(const sv_rollout_setup* setup, const sv_goal* goal, const mjData* d, const sv_view* view,
@@ -43,6 +44,7 @@ void sv_statistics_begin(const sv_rollout_setup* setup, const sv_goal* goal, con
   statistics->max_tilt = INFINITY;
   statistics->end_speed = INFINITY;
   statistics->end_joint_error = INFINITY;
+  statistics->end_joint_speed = INFINITY;
   statistics->min_error = INFINITY;
   statistics->min_abs_px = INFINITY;
   statistics->first_hit_step = -1;
@@ -54,6 +56,8 @@ void sv_statistics_begin(const sv_rollout_setup* setup, const sv_goal* goal, con
   record->last_y = view->y;
   record->last_clearance = view->clearance;
   record->airborne = 0;
+  record->idle = 0;
+  record->idle_arrived = 0;
   record->lowest_up = view->r[8];
   for (int j = 0; j < setup->njoint; j++) {
     record->last_angle[j] = d->qpos[setup->qpos[j]];
@@ -86,20 +90,30 @@ static void add_paths(const sv_rollout_setup* setup, const mjData* d, const sv_v
 void sv_statistics_observe(const sv_rollout_setup* setup, const mjData* d, const sv_view* view, int32_t k,
                            sv_record* record, sv_statistics* statistics) {
   add_paths(setup, d, view, record, statistics);
-  record->speed[k % SV_GOAL_RING] = speed(setup, d);
+  double fast = speed(view);
+  record->speed[k % SV_GOAL_RING] = fast;
 
   // distances
   double distance = error(record, view);
   double px = fabs(sv_px(record, view));
   statistics->min_error = fminf(statistics->min_error, (float)distance);
   statistics->min_abs_px = fminf(statistics->min_abs_px, (float)px);
-  if (px <= HIT_M && statistics->first_hit_step < 0) {
+  if (distance <= HIT_M && statistics->first_hit_step < 0) {
     statistics->first_hit_step = k;
   }
   if (distance > HIT_M) {
     statistics->arrive_step = -1;
   } else if (statistics->arrive_step < 0) {
     statistics->arrive_step = k;
+    record->idle_arrived = record->idle;
+  }
+  record->idle += fast < IDLE_M_S;
+  statistics->idle_steps = statistics->arrive_step < 0 ? record->idle : record->idle_arrived;
+
+  // loads
+  for (int j = 0; j < setup->njoint; j++) {
+    double load = fabs(d->actuator_force[setup->actuator[j]] / setup->torque_max[j]);
+    statistics->peak_torque = fmaxf(statistics->peak_torque, (float)load);
   }
 
   // tilt, clearance, hops
@@ -124,9 +138,12 @@ void sv_statistics_end(const sv_rollout_setup* setup, const mjData* d, const sv_
   for (int32_t i = k; i >= 0 && i >= k - setup->window; i--) {
     statistics->end_speed = fmaxf(statistics->end_speed, (float)record->speed[i % SV_GOAL_RING]);
   }
-  double away = 0;
+  double away = 0, rate = 0;
   for (int j = 0; j < setup->njoint; j++) {
-    away += fabs(d->qpos[setup->qpos[j]] - setup->neutral[j]);
+    double turned = d->qpos[setup->qpos[j]] - setup->neutral[j];
+    away += fabs(setup->unlimited[j] ? remainder(turned, TURN) : turned);
+    rate += fabs(d->qvel[setup->dof[j]]);
   }
   statistics->end_joint_error = (float)(away / setup->njoint);
+  statistics->end_joint_speed = (float)(rate / setup->njoint);
 }
