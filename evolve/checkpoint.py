@@ -70,9 +70,11 @@ def read_checkpoint(path: Path, engine: Engine, template: Controller) -> Checkpo
     Raises:
         InputError: the file is no history, or not one of this engine and these terminals
     """
-    if not path.exists() or path.stat().st_size == 0:
+    if not path.exists():
         return NOTHING
-    with open_history(path) as connection:
+    with open_history(path, empty=True) as connection:
+        if connection.execute("select count(*) from sqlite_master").fetchone() == (0,):
+            return NOTHING
         count, last, simulations, seconds = connection.execute(
             "select count(*), max(generation), total(simulations), total(seconds) from generation"
         ).fetchone()

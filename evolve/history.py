@@ -317,11 +317,12 @@ def check_format(connection: sqlite3.Connection, path: Path, *, empty: bool = Fa
 
 
 @contextmanager
-def open_history(path: Path) -> Iterator[sqlite3.Connection]:
+def open_history(path: Path, *, empty: bool = False) -> Iterator[sqlite3.Connection]:
     """Open a history for reading; it may be written meanwhile, and what is read is whole.
 
     Args:
         path: the SQLite file
+        empty: whether a file without tables will do, which a crash at the start of a run leaves
 
     Returns:
         a connection that holds one state of the file until it is closed; close it soon, as it keeps others from writing
@@ -336,7 +337,7 @@ def open_history(path: Path) -> Iterator[sqlite3.Connection]:
     try:
         connection.execute("pragma query_only = on")
         connection.execute("begin")
-        check_format(connection, path)
+        check_format(connection, path, empty=empty)
         yield connection
     except sqlite3.OperationalError as error:
         raise InputError(f"{path}: cannot be read ({error}); see who else has it open, and its permissions") from None
