@@ -16,14 +16,17 @@ from evolve.settings import Settings
 from evolve.task import Task
 
 _MARGIN_M = 0.5  # how far beyond the goals the base is expected
+_SPEED_M_S = 5.0  # of a base
+_SPEED_RAD_S = 50.0  # of an ideal joint
+_TRAVEL_RAD = 20.0  # of an unlimited joint, either way
 
 
 def controller_template(task: Task, rig: Rig, settings: Settings) -> Controller:
-    """Return a controller of a task on a rig that holds every joint at its neutral angle.
+    """Return a controller of a task on a rig that holds every joint at its neutral angle, or does not move it.
 
     Args:
         task: the task, whose terminals become the inputs
-        rig: the rig, whose joints become the outputs, in degrees
+        rig: the rig, whose joints become the outputs: angles in degrees, velocities in rad/s
         settings: the run's numbers
 
     Returns:
@@ -57,7 +60,13 @@ def controller_template(task: Task, rig: Rig, settings: Settings) -> Controller:
 
 
 def _output(joint: Joint) -> Output:
-    """Return a joint as an output in degrees, limits rounded inwards to tenths."""
+    """Return a joint as an output, limits rounded inwards to tenths.
+
+    Constants of some tens are angles in degrees and velocities in rad/s: in other units a search saturates or creeps.
+    """
+    if joint.mode == "velocity":
+        fastest = math.floor(joint.speed_rad_s_max * 10) / 10
+        return Output(joint.name, "velocity", "rad/s", -fastest, fastest, 0.0)
     low = math.ceil(math.degrees(joint.low_rad) * 10) / 10
     high = math.floor(math.degrees(joint.high_rad) * 10) / 10
     neutral = round(math.degrees(joint.neutral_rad), 6)
@@ -77,9 +86,10 @@ def _input(terminal: TerminalSpec, rig: Rig, settings: Settings) -> Input:
         "pz": (0.0, _MARGIN_M),
         "s0": (0.0, 100.0),
     }
+    expected |= dict.fromkeys(("vx", "vy", "vz"), (-_SPEED_M_S, _SPEED_M_S))
     for joint in rig.joints:
-        speed = round(2 * joint.product.no_load_speed_rad_s, 1)
-        expected[joint.name] = (joint.low_rad - 0.2, joint.high_rad + 0.2)
+        speed = round(2 * joint.product.no_load_speed_rad_s, 1) or _SPEED_RAD_S
+        expected[joint.name] = (max(joint.low_rad - 0.2, -_TRAVEL_RAD), min(joint.high_rad + 0.2, _TRAVEL_RAD))
         expected[f"{joint.name}_vel"] = (-speed, speed)
         expected[f"{joint.name}_load"] = (-1.0, 1.0)
     low, high = expected.get(terminal.name, (-1000.0, 1000.0))

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from controller.errors import InputError, RunError
 from controller.rig import Rig
-from sim_models.body import body_layout, build_model
+from sim_models.body import Scene, body_layout, build_model
 from sim_models.offscreen import Offscreen, look_sideways
 from sim_models.simulation import Simulation
 from sim_models.statistics import HOP_CLEARANCE_M
@@ -45,6 +45,7 @@ class Motion:
         joint_rad: joint angles [rad], (n, njoint)
         clearance_m: height of the lowest foot [m], (n,)
         goal: x, y of the goal [m]
+        scene: what stood in the body's way, as `build_model` takes it
     """
 
     rig: Rig
@@ -53,6 +54,7 @@ class Motion:
     joint_rad: FloatArray
     clearance_m: FloatArray
     goal: tuple[float, float]
+    scene: Scene | None = None
 
 
 def motion_of(simulation: Simulation) -> Motion:
@@ -76,6 +78,7 @@ def motion_of(simulation: Simulation) -> Motion:
         joint_rad=np.stack(joints, axis=1).astype(np.float64),
         clearance_m=simulation.channel("clearance").astype(np.float64),
         goal=(float(goal[0]), float(goal[1])),
+        scene=simulation.scene,
     )
 
 
@@ -176,7 +179,7 @@ class _Stage:
 
     def __init__(self, motion: Motion, size: tuple[int, int], height_m: float) -> None:
         self._motion = motion
-        self._model = build_model(motion.rig)
+        self._model = build_model(motion.rig, scene=motion.scene)
         self._data = mujoco.MjData(self._model)
         self._layout = body_layout(self._model, motion.rig)
         self._camera = look_sideways(self._model, height_m)

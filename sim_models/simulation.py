@@ -11,7 +11,7 @@ import numpy.typing as npt
 from controller.controller import Controller
 from controller.native import run_cycle
 from controller.rig import Rig
-from sim_models.body import Form
+from sim_models.body import Form, Scene
 from sim_models.perturbations import Perturbations, nominal_perturbations
 from sim_models.rollouts import RolloutPool, StopConditions, make_cases
 
@@ -36,6 +36,7 @@ class Simulation:
         terminals: what the program read, float32, (nstep, ninput)
         outputs: clamped outputs in their own units, float32, (nstep, noutput)
         goal_counts: goal counts, int32, (nstep, noutput)
+        scene: what stood in the body's way, as `build_model` takes it
     """
 
     rig: Rig
@@ -50,6 +51,7 @@ class Simulation:
     terminals: npt.NDArray[np.float32]
     outputs: npt.NDArray[np.float32]
     goal_counts: npt.NDArray[np.int32]
+    scene: Scene | None = None
 
     def channel(self, name: str) -> npt.NDArray[np.float32]:
         """Return one channel of the trace.
@@ -75,6 +77,7 @@ def simulate(
     stop: StopConditions | None = None,
     perturbations: Perturbations | None = None,
     model: mujoco.MjModel | None = None,
+    scene: Scene | None = None,
 ) -> Simulation:
     """Simulate one controller once.
 
@@ -89,6 +92,7 @@ def simulate(
         stop: when it is over before its time; None: never
         perturbations: one row; None: the nominal rig
         model: a model to run instead of the rig's nominal one, made by `build_model` with the same step
+        scene: what stands in the body's way, as `build_model` takes it; a model of one's own holds it already
 
     Returns:
         The rollout.
@@ -106,6 +110,7 @@ def simulate(
         threads=1,
         stop=stop or NEVER_STOP,
         model=model,
+        scene=scene,
     ) as pool:
         rollouts = pool.run([controller], make_cases(0, goal_dist, goal_bearing), chosen, traces=True, record=True)
     assert rollouts.traces is not None and rollouts.raw is not None  # asked for above
@@ -127,4 +132,5 @@ def simulate(
         terminals=terminals,
         outputs=rollouts.outputs[0, begun],
         goal_counts=rollouts.goal_counts[0, begun],
+        scene=scene,
     )
