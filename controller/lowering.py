@@ -29,7 +29,9 @@ _RESULT: Final = 1 << 15
 _ADD: Final = BY_NAME["+"].opcode
 _MULTIPLY: Final = BY_NAME["*"].opcode
 _DIVIDE: Final = BY_NAME["%"].opcode
-_SELECT: Final = {BY_NAME["if"].opcode, BY_NAME["ifltz"].opcode}
+_IF: Final = BY_NAME["if"].opcode
+_SELECT: Final = {_IF, BY_NAME["ifltz"].opcode}
+_ONE: Final = np.float32(1)
 _LOAD: Final = BY_NAME["load"].opcode
 _STORE: Final = BY_NAME["store"].opcode
 _ROW: Final = {o.name: (o.opcode, o.arity, o.nstate) for o in OPERATIONS if not o.internal}
@@ -158,14 +160,20 @@ class _Growing:
                 value = BY_OPCODE[opcode].reference(*[pool[-1 - v] for v in operands])
             return self.literal(value) if np.isfinite(value) else None
         if opcode in _SELECT and operands[0] < 0:
-            self.dropped = True
             condition = self.pool[-1 - operands[0]]
-            first = condition > 0 if opcode == BY_NAME["if"].opcode else condition < 0
-            return operands[1] if first else operands[2]
+            first = condition > 0 if opcode == _IF else condition < 0
+            chosen, other = operands[1:] if first else operands[:0:-1]
+            self.drop(other)
+            return chosen
         if opcode == _DIVIDE and operands[1] < 0 and self.pool[-1 - operands[1]] == 0:
-            self.dropped = True
-            return self.literal(np.float32(1))
+            self.drop(operands[0])
+            return self.literal(_ONE)
         return None
+
+    def drop(self, value: int) -> None:
+        """Note that a value has one use less: an instruction may have none left."""
+        if value >= _RESULT:
+            self.dropped = True
 
     def stateful(self, opcode: int, nstate: int, operands: tuple[int, ...]) -> int:
         """Add one operation with a state of its own."""

@@ -290,24 +290,24 @@ def format_expression(expression: Expression, atom: Callable[[Expression], str] 
     atom = atom or _format_atom
     parts: list[str] = []
     todo: list[Expression | str] = [expression]
+    push, pop = todo.append, todo.pop
     while todo:
-        item = todo.pop()
+        item = pop()
         if isinstance(item, str):
             parts.append(item)
         elif isinstance(item, Apply):
-            todo.append(")")
-            for operand in reversed(item.operands):
-                todo.extend((operand, " "))
-            todo.append(f"({item.operation}")
+            parts.append(f" ({item.operation}")
+            push(")")
+            todo.extend(item.operands[::-1])
         else:
-            parts.append(atom(item))
-    return "".join(parts)
+            parts.append(" " + atom(item))
+    return "".join(parts)[1:]
 
 
 def _format_atom(expression: Expression) -> str:
+    if isinstance(expression, Name):
+        return expression.name
     if isinstance(expression, Constant):
         return format_decimal(expression.value)
-    if isinstance(expression, Last):
-        return f"(last {expression.name})"
-    assert isinstance(expression, Name)
-    return expression.name
+    assert isinstance(expression, Last)
+    return f"(last {expression.name})"

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from controller.decimals import DECIMAL, format_decimal, parse_decimal
 from controller.errors import InputError
-from controller.source import Apply, Constant, Expression, Name, Source
+from controller.source import Apply, Constant, Expression, Source
 from evolve.tree import Primitives
 
 _BAR = "|"  # between head and tail in a chromosome's text
@@ -143,7 +143,7 @@ def decode(layout: Layout, chromosome: Chromosome) -> Source:
 def _expression(primitives: Primitives, codes: list[int], values: npt.NDArray[np.float32]) -> Expression:
     """Read one gene's expressed symbols: the operands of each stand behind those of all symbols before it."""
     nfunction = len(primitives.functions)
-    arities = primitives.arities
+    arities, leaves = primitives.arities, primitives.leaves
     read: list[Expression] = []  # from the last symbol to the one after `at`
     behind = len(codes)  # where the operands of the symbol after `at` begin
     for at in range(len(codes) - 1, -1, -1):
@@ -154,7 +154,7 @@ def _expression(primitives: Primitives, codes: list[int], values: npt.NDArray[np
             operands = tuple(read[len(codes) - 1 - operand] for operand in range(behind, end))
             read.append(Apply(primitives.functions[code], operands))
         elif code < primitives.constant:
-            read.append(Name(primitives.terminals[code - nfunction]))
+            read.append(leaves[code - nfunction])
         else:
             read.append(Constant(values[at]))
     return read[-1]

@@ -32,10 +32,15 @@ class Primitives:
         """Return the number of operands of each code."""
         return (*(BY_NAME[name].arity for name in self.functions), *(0 for _ in self.terminals), 0)
 
-    @property
+    @cached_property
     def constant(self) -> int:
         """Return the code of an ephemeral constant."""
         return len(self.functions) + len(self.terminals)
+
+    @cached_property
+    def leaves(self) -> tuple[Name, ...]:
+        """Return the expression of each terminal, (nterminal,)."""
+        return tuple(Name(name) for name in self.terminals)
 
 
 @dataclass(frozen=True)
@@ -93,16 +98,20 @@ def shape(primitives: Primitives, tree: Tree) -> Shape:
     count = len(codes)
     span, height, depth = [1] * count, [0] * count, [0] * count
     for node in range(count - 1, -1, -1):
-        child = node + 1
-        for _ in range(arities[codes[node]]):
-            height[node] = max(height[node], height[child] + 1)
-            child += span[child]
-        span[node] = child - node
+        arity = arities[codes[node]]
+        if arity:
+            child, below = node + 1, 0
+            for _ in range(arity):
+                below = max(below, height[child])
+                child += span[child]
+            span[node], height[node] = child - node, below + 1
     for node in range(count):
-        child = node + 1
-        for _ in range(arities[codes[node]]):
-            depth[child] = depth[node] + 1
-            child += span[child]
+        if span[node] > 1:
+            child, level = node + 1, depth[node] + 1
+            end = node + span[node]
+            while child < end:
+                depth[child] = level
+                child += span[child]
     return Shape(np.array(span), np.array(height), np.array(depth))
 
 
@@ -141,17 +150,22 @@ def subtree(tree: Tree, at: int, span: int) -> Tree:
 
 def to_expression(primitives: Primitives, tree: Tree) -> Expression:
     """Convert prefix vectors to an expression: last node first, each function taking its operands from the stack."""
-    nfunction = len(primitives.functions)
+    nfunction, constant = len(primitives.functions), primitives.constant
+    functions, arities, leaves, values = primitives.functions, primitives.arities, primitives.leaves, tree.values
     stack: list[Expression] = []
-    for code, value in zip(reversed(tree.codes.tolist()), tree.values[::-1], strict=True):
-        if code < nfunction:
-            operands = tuple(stack.pop() for _ in range(primitives.arities[code]))
-            stack.append(Apply(primitives.functions[code], operands))
-        elif code < primitives.constant:
-            stack.append(Name(primitives.terminals[code - nfunction]))
+    push, pop = stack.append, stack.pop
+    at = len(values)
+    for code in reversed(tree.codes.tolist()):
+        at -= 1
+        if code == constant:
+            push(Constant(values[at]))
+        elif code >= nfunction:
+            push(leaves[code - nfunction])
+        elif arities[code] == 2:
+            push(Apply(functions[code], (pop(), pop())))
         else:
-            stack.append(Constant(value))
-    return stack.pop()
+            push(Apply(functions[code], tuple([pop() for _ in range(arities[code])])))
+    return pop()
 
 
 def to_source(primitives: Primitives, genotype: Genotype) -> Source:

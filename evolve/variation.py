@@ -25,10 +25,10 @@ def pick_node(rng: np.random.Generator, spans: npt.NDArray[np.int64], allowed: n
     Returns:
         the node
     """
-    inner = np.flatnonzero(allowed & (spans > 1))
-    leaves = np.flatnonzero(allowed & (spans == 1))
     take_inner = rng.random() < _INNER_SHARE
-    nodes = inner if len(inner) and (take_inner or not len(leaves)) else leaves
+    nodes = np.flatnonzero(allowed & ((spans > 1) == take_inner))
+    if not len(nodes):
+        nodes = np.flatnonzero(allowed)
     return int(nodes[rng.integers(len(nodes))])
 
 
