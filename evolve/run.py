@@ -7,7 +7,6 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -263,7 +262,7 @@ def _pool(plan: _Plan, form: Form, timestep_s: float) -> RolloutPool:
         time_limit_s=plan.settings.time_limit_s,
         threads=plan.threads,
         stop=plan.task.stop,
-        scene=None if plan.task.scene is None else partial(plan.task.scene, settings=plan.settings),
+        scene=plan.task.scene_with(plan.settings),
     )
 
 

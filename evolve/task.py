@@ -81,6 +81,15 @@ class Task:
         """
         return self.on.get(rig, self) if rig is not None else self
 
+    def scene_with(self, settings: Settings) -> Callable[[mujoco.MjSpec], None] | None:
+        """Return what adds the task's scene to a body, or None if it has none.
+
+        Args:
+            settings: the run's numbers
+        """
+        scene = self.scene
+        return None if scene is None else lambda spec: scene(spec, settings)
+
 
 def load_task(name_or_path: str) -> Task:
     """Return a built-in task by name, or the task of a Python file by path.
