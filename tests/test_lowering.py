@@ -92,6 +92,34 @@ def test_what_no_output_needs_is_left_out():
     assert sorted(program.constants.tolist()) == [5, 7]
 
 
+@pytest.mark.parametrize(
+    ("text", "left", "constants"),
+    [
+        ("(list (ifltz 1 (+ t a0) (- t 7)))", ["-"], [7]),
+        ("(list (ifltz -1 t (* (+ t 3) 2)))", [], []),
+        ("(list (if 1 2 t) (+ t 4))", ["+"], [2, 4]),
+        ("(list (% (* t 3) 0) (+ t 4))", ["+"], [1, 4]),
+        ("(list (ifltz 1 (+ t 3) a0) (+ t 3))", ["+"], [3]),
+        ("(list (ifltz 1 (integrate t) (delay a0)))", ["delay"], []),
+    ],
+)
+def test_what_a_constant_decides_against_is_left_out(text, left, constants):
+    program = lowered(text)
+    assert names(program) == left
+    assert sorted(program.constants.tolist()) == sorted(constants)
+
+
+@given(st.data())
+def test_nothing_stays_without_use(programs, data):
+    source = Source(data.draw(programs.sources().filter(lambda source: not source.definitions)).outputs)
+    program = lower(source, programs.terminals)
+    first = len(program.inputs)
+    used = set(program.outputs.tolist())
+    for row in program.instructions.tolist():
+        used.update(row[1 : 1 + BY_OPCODE[row[0]].arity])
+    assert used >= set(range(first, program.nregister))
+
+
 def unfolded(source):
     """Replace each constant by a terminal of its own, so that nothing can be folded."""
     values = []
