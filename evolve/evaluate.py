@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -12,7 +13,7 @@ from controller import Controller
 from evolve.conditions import Conditions
 from evolve.task import FloatArray, Task, score
 from sim_models.rollouts import RolloutPool, Rollouts, make_cases
-from sim_models.statistics import HIT_M, STATISTICS
+from sim_models.statistics import HIT_M
 
 REST_M_S = 0.02
 """A base slower than this during the last 0.2 s is at rest [m/s]."""
@@ -143,7 +144,7 @@ def is_passed(statistics: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
 
     Source: Gritz & Hahn 1997, §3.6.
     """
-    passed: npt.NDArray[np.bool_] = (statistics["status"] == 0) & (statistics["min_error"] <= HIT_M)
+    passed: npt.NDArray[np.bool_] = (statistics["status"] == 0) & (statistics["first_hit_step"] >= 0)
     return passed
 
 
@@ -171,15 +172,15 @@ def evaluate(
         conditions: goals and rigs
         cache: outcomes known from before, added to
         race: who meets all conditions; None: everyone
-        remember: whether a program is simulated once only under each condition
+        remember: whether a program is simulated only once under each condition; False: each copy, anew
 
     Returns:
         how each did
     """
     if not remember:
         cache.outcomes.clear()
-        programs = [f"{program} {index}" for index, program in enumerate(programs)]
-    distinct = list(dict.fromkeys(programs))
+    copies = Counter(programs)
+    distinct = list(copies)
     holder = dict(zip(programs, controllers, strict=True))
     everywhere = range(len(conditions))
 
@@ -189,6 +190,7 @@ def evaluate(
             for program in contestants
             for row in rows
             if (program, conditions.keys[row]) not in cache.outcomes
+            for _ in range(1 if remember else copies[program])
         ]
         _simulate(task, pool, holder, pairs, conditions, cache)
 
@@ -263,8 +265,7 @@ def _simulate(
     rollouts = simulate(pool, [holder[program] for program in programs], conditions, index, traces=task.traces)
     main, style = score(task, rollouts, conditions.goal_m[index[:, 1]])
     end = rollouts.statistics
-    peak = end["peak_torque"] if "peak_torque" in (STATISTICS.names or ()) else np.zeros(len(end))
-    columns = main, style, is_hit(end), is_passed(end), peak.astype(np.float64)
+    columns = main, style, is_hit(end), is_passed(end), end["peak_torque"].astype(np.float64)
     for (program, row), *outcome in zip(pairs, *(column.tolist() for column in columns), strict=True):
         cache.outcomes[program, conditions.keys[row]] = Outcome(*outcome)
     cache.simulations += len(pairs)

@@ -255,14 +255,18 @@ def _screen(plan: _Plan) -> RolloutPool:
 
 def _pool(plan: _Plan, form: Form, timestep_s: float) -> RolloutPool:
     """Open rollouts in one physics."""
+    settings = plan.settings
     return RolloutPool(
         plan.rig,
         form=form,
         timestep_s=timestep_s,
-        time_limit_s=plan.settings.time_limit_s,
+        time_limit_s=settings.time_limit_s,
         threads=plan.threads,
         stop=plan.task.stop,
-        scene=plan.task.scene_with(plan.settings),
+        scene=plan.task.scene_with(settings),
+        lean=settings.lean,
+        timer=settings.timer,
+        stop_early=settings.stop_early,
     )
 
 

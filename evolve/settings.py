@@ -117,9 +117,9 @@ class Settings:
     race_goals: int = _number(2, 0, 1000, "conditions that everyone meets first; 0: no race")
     race_share: float = _number(0.4, 0.01, 1, "share of the programs that goes on to the other conditions")
     cache: bool = _switch(True, "never simulate a program twice under the same condition")
-    stop_early: bool = _switch(True, "leave a rollout once it is over")
-    lean: bool = _switch(True, "compute no sensor that is no terminal")
-    timer: bool = _switch(False, "let MuJoCo read the clock in every step")
+    stop_early: bool = _switch(True, "end a rollout once it is over; false: simulate on, to no other result")
+    lean: bool = _switch(True, "leave out what no statistic needs, such as sensors that are no terminals")
+    timer: bool = _switch(False, "keep the timer that MuJoCo's Python bindings call in every step")
     # the best of the run
     hall_of_fame: int = _number(30, 1, 10_000, "candidates for the best of the run")
     stated_goals: int = _number(8, 1, 1000, "unseen goals that candidates must hit on the rig as its file states it")

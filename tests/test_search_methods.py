@@ -91,3 +91,16 @@ def test_the_front_is_written_and_nobody_on_it_beats_another(tmp_path):
 def test_without_objectives_there_is_no_front(tmp_path):
     run(tmp_path / "run", decide=True)
     assert not (tmp_path / "run" / "pareto.json").exists()
+
+
+@pytest.mark.parametrize("change", [["cache=false"], ["stop_early=false"], ["lean=false"], ["timer=true"]])
+def test_what_saves_time_changes_no_history(tmp_path, change, plain):
+    slow = run(tmp_path / "run", *change)
+    assert without_counts(slow) == without_counts(plain)
+    assert (slow == plain) == (change != ["cache=false"])
+
+
+def without_counts(dump):
+    """Return a history's lines without the number of simulations, which is what a cache changes."""
+    lines = [json.loads(line) for line in dump.splitlines()]
+    return [line[:-1] if line[0] == "generation" else line for line in lines]
