@@ -19,6 +19,7 @@ _COMMANDS = {
     "eval": ("servolve.evaluate:evaluate", "Run a controller's program over the rows of a CSV file, bit by bit."),
     "simulate": ("servolve.simulate:simulate", "Simulate a controller, and log or film it."),
     "transpile": ("servolve.transpile:transpile", "Write a controller as C99."),
+    "study": ("servolve.study:study", "Rerun a convergence experiment of the founding papers."),
     "rig": ("servolve.rig:app", "List the rigs, and serve virtual ones to other programs."),
     "deploy": ("servolve.deploy:deploy", "Run a controller on a virtual or a real rig."),
     "replay": ("servolve.replay:replay", "Check a log against its own controller, bit by bit."),
@@ -26,7 +27,10 @@ _COMMANDS = {
     "bench": ("servolve.bench:bench", "Measure speed, as ratios."),
 }
 # what a package that is not installed is part of
-_EXTRAS = {"mujoco": "sim", "PIL": "sim", "imageio": "report", "jinja2": "report", "matplotlib": "report"}
+_EXTRAS = {
+    **dict.fromkeys(("mujoco", "PIL"), "sim"),
+    **dict.fromkeys(("imageio", "jinja2", "matplotlib", "scipy"), "report"),
+}
 
 
 def _app(summaries: bool) -> App:

@@ -1,0 +1,166 @@
+"""`servolve study`: killed and run again, with any workers and in any order, a study leaves the same bytes."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from evolve.study_cells import make_cells, run_cells
+from evolve.study_papers import STUDIES
+from servolve.cli import main
+
+SEEDS = 4
+NAME = "population"
+FILES = tuple(f"{NAME}.{ending}" for ending in ("csv", "generations.csv", "md", "svg", "png"))
+
+
+def command(folder, *more, seeds=SEEDS):
+    return [
+        *(sys.executable, "-m", "servolve", "study", NAME, "--scale", "tiny"),
+        *("--seeds", str(seeds), "--out", str(folder), *more),
+    ]
+
+
+def start(folder, *more):
+    return subprocess.Popen(command(folder, *more), stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+
+
+def children(process):
+    return [int(pid) for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+
+
+def content(folder):
+    return {name: (folder / name).read_bytes() for name in FILES}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study") / "whole"
+    told = subprocess.run(command(folder, "--workers", "1", "--json"), capture_output=True, text=True, check=True)
+    return folder, json.loads(told.stdout)
+
+
+def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bytes(finished, tmp_path):
+    folder = tmp_path / "again"
+    stopped = start(folder, "--workers", "2")
+    assert stopped.stderr.readline().startswith("1/")
+    stopped.send_signal(signal.SIGINT)
+    told = stopped.communicate()[1]
+    assert stopped.returncode == 1
+    assert "the same command goes on" in told
+    assert "Traceback" not in told
+    assert not (folder / FILES[0]).exists()
+
+    killed = start(folder, "--workers", "2")
+    # the lines of what was done before come first
+    for line in killed.stderr:
+        if int(line.partition("/")[0]) >= 3:
+            break
+    workers = children(killed)
+    killed.kill()
+    killed.communicate()
+    until = time.monotonic() + 30
+    while any(Path(f"/proc/{pid}").exists() for pid in workers):
+        assert time.monotonic() < until, "workers outlive the study"
+        time.sleep(0.05)
+
+    subprocess.run(command(folder, "--workers", "2", "--quiet"), check=True, stdout=subprocess.DEVNULL)
+    assert content(folder) == content(finished[0])
+
+
+def test_the_order_of_the_cells_changes_nothing(finished, tmp_path):
+    study = STUDIES[NAME]
+    found = []
+    for out, order in ((finished[0], 1), (tmp_path / "backwards", -1)):
+        curves = {}
+        cells = make_cells(study, study.scales["tiny"], 2, out)[::order]
+        run_cells(cells, out, 1, lambda cell, curve: curves.update({(cell.level.name, cell.seed): curve}))  # noqa: B023
+        found.append({key: (curve.best, curve.passed, curve.simulations) for key, curve in curves.items()})
+    assert found[0] == found[1]
+    assert len(found[0]) == 4
+
+
+def test_a_finished_study_runs_nothing_and_more_seeds_add_to_it(finished, tmp_path, capsys):
+    folder = tmp_path / "copy"
+    shutil.copytree(finished[0], folder)
+    histories = {path: path.read_bytes() for path in folder.rglob("history.sqlite")}
+    assert main([*command(folder)[3:], "--quiet", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["levels"] == finished[1]["levels"]
+    assert content(folder) == content(finished[0])
+    assert main([*command(folder, seeds=SEEDS + 1)[3:], "--quiet"]) == 0
+    assert {path: path.read_bytes() for path in histories} == histories
+    assert len(list(folder.rglob("history.sqlite"))) == len(histories) + 2
+
+
+def test_the_summary_says_what_was_run(finished):
+    folder, summary = finished
+    assert (summary["study"], summary["scale"], summary["seeds"]) == (NAME, "tiny", SEEDS)
+    assert [(row["level"], row["runs"], row["individuals"]) for row in summary["levels"]] == [
+        *(("10", SEEDS, 20), ("50", SEEDS, 100)),
+    ]
+    # the reference, 200, is not in the tiny grid
+    assert [claim["verdict"] for claim in summary["claims"]] == ["not tested", "not tested"]
+    lines = (folder / f"{NAME}.generations.csv").read_text().splitlines()
+    assert len(lines) == 1 + 2 * SEEDS * 2
+
+
+def test_a_folder_of_other_settings_is_refused_and_stays(finished, tmp_path, capsys):
+    folder = tmp_path / "copy"
+    shutil.copytree(finished[0], folder)
+    before = sorted(folder.rglob("*"))
+    assert main(["study", NAME, "--scale", "full", "--out", str(folder), "--quiet"]) == 2
+    told = capsys.readouterr().err
+    assert "other settings" in told
+    assert "--out" in told
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_folder_where_a_study_runs_is_refused(finished, capsys):
+    with (finished[0] / "study.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert main([*command(finished[0])[3:], "--quiet"]) == 2
+    assert "another study is running there" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["nope"], "choose one of population"),
+        ([NAME, "--workers", "0"], "--workers 0"),
+        ([NAME, "--seeds", "0"], "--seeds 0"),
+        ([NAME, "--out", "/dev/null"], "/dev/null"),
+        ([NAME, "--out", "/proc/nowhere"], "give --out another folder"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments, told, capsys):
+    assert main(["study", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
+
+
+def test_the_list_names_all_studies(capsys):
+    assert main(["study", "list"]) == 0
+    shown = capsys.readouterr().out
+    assert "EMOT" in shown
+    assert main(["study", "list", "--json"]) == 0
+    assert [study["name"] for study in json.loads(capsys.readouterr().out)] == list(STUDIES)
+
+
+def test_a_broken_run_fails_the_study_with_its_sentence(finished, tmp_path, capsys):
+    folder = tmp_path / "copy"
+    shutil.copytree(finished[0], folder)
+    (folder / "cells" / "10-1" / "history.sqlite").write_bytes(b"no history" * 1000)
+    assert main([*command(folder)[3:], "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert "history" in error
+    assert os.linesep.join(error.splitlines()).count("\n") == 0
