@@ -1,43 +1,78 @@
-"""`servolve show`: what a controller is."""
+"""`servolve show`: what a controller is, and how a run went."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
 
 from controller import Controller, format_source, load_controller, program_hash
 from controller.decimals import format_decimal
+from controller.errors import InputError
 from controller.source import Apply, Constant, Expression, Last, Name
+from servolve.tree_picture import tree_svg
+
+RUN: Final = "run.toml"
+"""What makes a folder a run; `evolve.run_folder` names it too, and a bench without a simulation does not have that."""
 
 
 def show(
-    controller: Path,
+    controller: Annotated[Path, Parameter(name="RUN|CONTROLLER")],
     /,
     *,
-    as_: Annotated[Literal["text", "tree", "c"], Parameter(name="--as", show_choices=True)] = "text",
+    as_: Annotated[Literal["text", "tree", "c", "svg"] | None, Parameter(name="--as", show_choices=True)] = None,
+    report: Path | None = None,
 ) -> int:
-    """Print a controller: its inputs, outputs and program, its trees, or its C.
+    """Print a controller: its inputs, outputs and program, its trees, or its C; or how a run went.
+
+    A run may be unfinished, or being written; with --as, its best controller is printed.
 
     Args:
         controller: a *.controller.toml, or a run folder
-        as_: what to print
+        as_: text, tree, c, or svg, a picture of the trees; left out: of a run its generations, its best's lineage
+            and program, of a controller its text
+        report: of a run: HTML file to write the run's report to
 
     Returns:
         exit status
     """
-    loaded = load_controller(controller)
+    run = (controller / RUN).is_file()
+    if report is not None:
+        _write_report(controller, run, report)
+        return 0
+    if run and as_ is None:
+        from servolve.show_run import run_lines
+
+        print("\n".join(run_lines(controller)))
+        return 0
+    if run:
+        from evolve.record import best_controller
+
+        loaded = best_controller(controller)
+    else:
+        loaded = load_controller(controller)
     if as_ == "c":
         from firmware_gen import generate
 
         print(generate(loaded).source, end="")
+    elif as_ == "svg":
+        print(tree_svg(loaded), end="")
     elif as_ == "tree":
         print("\n".join(tree_lines(loaded)))
     else:
         print("\n".join(text_lines(loaded)))
     return 0
+
+
+def _write_report(folder: Path, run: bool, path: Path) -> None:
+    """Write a run's report."""
+    if not run:
+        raise InputError(f"{folder}: --report needs a run folder, and there is no {RUN} in it; name a run")
+    from servolve.run_report import write_run_report
+
+    write_run_report(folder, path)
 
 
 def text_lines(controller: Controller) -> Iterator[str]:
