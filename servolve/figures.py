@@ -68,8 +68,13 @@ _NOTE: Any = {
 
 
 @contextmanager
-def _figure(height_in: float, svg: list[str]) -> Iterator[Figure]:
-    """Open a figure of the page's width and leave its SVG in `svg`, undated: equal runs give equal files."""
+def page_figure(height_in: float, svg: list[str]) -> Iterator[Figure]:
+    """Open a figure of the page's width and leave its SVG in `svg`, undated: equal runs give equal files.
+
+    Args:
+        height_in: its height [inch]
+        svg: to which the SVG element is added when the figure is done
+    """
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -99,7 +104,7 @@ def joint_figure(found: Comparison) -> str:
     njoint = len(found.joints)
     end = float(found.time_s[-1])
     low = _second_to_enlarge(found)
-    with _figure(2.35 * njoint + 0.6, svg) as figure:
+    with page_figure(2.35 * njoint + 0.6, svg) as figure:
         axes = figure.subplots(
             2 * njoint,
             2,
@@ -173,7 +178,7 @@ def path_figure(found: Comparison) -> str:
     """
     svg: list[str] = []
     along, across = _goal_frame(found)
-    with _figure(7.2, svg) as figure:
+    with page_figure(7.2, svg) as figure:
         side, top, clear, distance = figure.subplots(4, 1, gridspec_kw={"height_ratios": [1.25, 0.9, 1.3, 1.3]})
         for track, colour, label, line in _tracks(found):
             x, y = 100 * track.position_m[:, :2] @ along, 100 * track.position_m[:, :2] @ across
@@ -229,7 +234,7 @@ def force_figure(found: Comparison) -> str:
         an SVG element
     """
     svg: list[str] = []
-    with _figure(2.3, svg) as figure:
+    with page_figure(2.3, svg) as figure:
         ax = figure.subplots()
         for track, colour, label, line in _tracks(found):
             ax.plot(found.force_time_s, track.force_n, color=colour, label=label, **line)
@@ -251,7 +256,7 @@ def timing_figure(found: Comparison) -> str:
     """
     svg: list[str] = []
     timing = found.timing
-    with _figure(2.6, svg) as figure:
+    with page_figure(2.6, svg) as figure:
         period, parts, ages = figure.subplots(1, 3)
         _histogram(period, {"period": 1000 * np.diff(timing.start_s)}, (RIG,))
         period.axvline(1000 * timing.period_s, color=MARK, linewidth=1.0, dashes=(5, 2))

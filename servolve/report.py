@@ -101,12 +101,8 @@ def report_html(found: Comparison, strip: Strip | None = None) -> str:
         found: the comparison
         strip: a film strip, or None
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    environment = Environment(
-        loader=PackageLoader("servolve", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
     controller = parse_controller(found.controller_text, f"{found.log}: controller")
     figures = {
         "joints": joint_figure(found),
@@ -114,7 +110,8 @@ def report_html(found: Comparison, strip: Strip | None = None) -> str:
         "force": force_figure(found),
         "timing": timing_figure(found),
     }
-    return environment.get_template("report.html.j2").render(
+    return render(
+        "report.html.j2",
         title=f"{controller.name} on {found.rig.name}",
         lead=_lead(found),
         verdict=_verdict(found),
@@ -137,6 +134,21 @@ def report_html(found: Comparison, strip: Strip | None = None) -> str:
         figures={name: Markup(svg) for name, svg in figures.items()},
         strip=strip,
     )
+
+
+def render(template: str, **values: object) -> str:
+    """Return a page; the same values give the same bytes.
+
+    Args:
+        template: name of its file in this folder
+        values: what it shows
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("servolve", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template(template).render(**values)
 
 
 _POSE_NOTES = {
