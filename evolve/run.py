@@ -32,6 +32,7 @@ from evolve.decide import (
 from evolve.engine import Engine, Individual
 from evolve.engines import make_engine
 from evolve.evaluate import Cache, evaluate
+from evolve.held_out import condition_rows
 from evolve.history import GenerationRow, History
 from evolve.run_file import RunFile, begin_run_file, check_versions, load_again, read_run_file, versions
 from evolve.run_folder import (
@@ -284,12 +285,13 @@ def _finish(plan: _Plan, halls: list[Candidate], simulations: int, earlier_s: fl
         hall = who_hit_most(hall, verified + stated_hits(task, pool, rig, settings, seed, hall))
         best, validation, held_out = decide(task, pool, rig, settings, seed, hall)
         golden = golden_trace(pool, best.controller, held_out)
+        conditions = condition_rows(pool, best.controller, held_out)
         found = pareto(task, pool, rig, settings, seed, halls)
     if found:
         write_whole(plan.folder / PARETO, pareto_text(found).encode())
     controller = dataclasses.replace(best.controller, provenance=_provenance(plan, best, validation), golden=golden)
     origin = {"generation": best.generation, "individual": best.individual, "program": best.program}
-    text = validation_text(origin, validation, held_out.goal_m.tolist())
+    text = validation_text(origin, validation, conditions)
     write_whole(plan.folder / VALIDATION, text.encode())
     write_whole(plan.folder / BEST, controller_text(controller).encode())
     return RunResult(plan.folder, controller, best, validation, simulations, earlier_s + time.monotonic() - started)

@@ -117,18 +117,24 @@ def run_text(
     return "\n".join(lines) + "\n"
 
 
-def validation_text(best: Mapping[str, Any], validation: Validation, goal_m: list[float]) -> str:
+def validation_text(best: Mapping[str, Any], validation: Validation, conditions: Sequence[Mapping[str, Any]]) -> str:
     """Return the text of `validation.json`.
 
     Args:
         best: where the best came from
         validation: how it did under conditions that did not choose it
-        goal_m: distances of the goals there [m]
+        conditions: how it did under each of them, with the goal's distance as "goal_m" [m]
 
     Returns:
         the text
     """
-    content = {"format": 1, "best": dict(best), "held_out": dataclasses.asdict(validation), "goal_m": goal_m}
+    content = {
+        "format": 1,
+        "best": dict(best),
+        "held_out": dataclasses.asdict(validation),
+        "goal_m": [condition["goal_m"] for condition in conditions],
+        "conditions": [dict(condition) for condition in conditions],
+    }
     return json.dumps(content, indent=2) + "\n"
 
 

@@ -90,7 +90,7 @@ def generation_table(generations: list[GenerationSummary]) -> tuple[tuple[str, .
         generations: how each did
     """
     head = ("generation", "best", "mean", "main", "hits", "passed", "nodes", "hit all", "distinct", "rollouts", "s")
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             *(str(g.generation), f"{g.best:.4f}", f"{g.mean:.3f}", f"{g.main:.4f}"),
             *(f"{g.hits}/{g.conditions}", f"{g.passed}/{g.conditions}", str(g.nodes), str(g.hit_all)),
@@ -109,7 +109,7 @@ def lineage_table(line: list[Ancestor], counts: list[int]) -> tuple[tuple[str, .
         counts: how many individuals of each of these generations it descends from
     """
     head = ("operator", "program", "generation", "individual", "parents", "fitness", "hits", "nodes", "ancestors")
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             *(a.operator, textwrap.shorten(a.text, _TEXT_WIDTH, placeholder=" …")),
             *(str(a.generation), str(a.individual), ", ".join(map(str, a.parents)) or "–"),
