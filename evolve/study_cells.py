@@ -170,12 +170,15 @@ def _work(pending: Sequence[Cell], workers: int, done: Callable[[Cell, Curve], N
     before = set(multiprocessing.active_children())
     queue = list(pending)
     running: dict[Future[None], Cell] = {}
-    with ProcessPoolExecutor(workers, context, _obey_parent) as executor:
+    with ProcessPoolExecutor(workers, context, _end_with_parent) as executor:
         try:
             while queue or running:
+                # a worker inherits what is blocked: the keyboard is the parent's alone, from the start
+                mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
                 while queue and len(running) < workers:
                     cell = queue.pop(0)
                     running[executor.submit(_run, cell)] = cell
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     cell = running.pop(future)
                     future.result()
@@ -194,17 +197,16 @@ def _work(pending: Sequence[Cell], workers: int, done: Callable[[Cell, Curve], N
                     child.terminate()
 
 
-def _obey_parent() -> None:
-    """Leave the keyboard to the parent process, and end with it however it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _end_with_parent() -> None:
+    """End with the parent process, however it ends."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
-    def end_with_parent() -> None:
+    def watch() -> None:
         parent.join()
         os._exit(1)
 
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager

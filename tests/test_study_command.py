@@ -31,7 +31,14 @@ def command(folder, *more, seeds=SEEDS):
 
 
 def start(folder, *more):
-    return subprocess.Popen(command(folder, *more), stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    # a group of its own, as a shell gives to a command in front: Ctrl-C reaches the workers too
+    return subprocess.Popen(
+        command(folder, *more),
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+    )
 
 
 def children(process):
@@ -53,7 +60,7 @@ def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bytes(finished, 
     folder = tmp_path / "again"
     stopped = start(folder, "--workers", "2")
     assert stopped.stderr.readline().startswith("1/")
-    stopped.send_signal(signal.SIGINT)
+    os.killpg(stopped.pid, signal.SIGINT)
     told = stopped.communicate()[1]
     assert stopped.returncode == 1
     assert "the same command goes on" in told
