@@ -6,7 +6,7 @@ A task file needs little more than its fitness::
 
     def fitness(rollouts, goal_m):
         end = rollouts.statistics
-        return end["final_error"] + 0.5 * end["fallen"], end["neutral_error"]
+        return end["final_error"] + 0.5 * end["fallen"], end["end_joint_error"]
 
     TASK = Task(name="walk", rig="lamp-xc330", terminals=("t", "px"), fitness=fitness)
 """
@@ -19,7 +19,7 @@ import importlib.util
 import re
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 from typing import TypeAlias
@@ -50,7 +50,7 @@ class Task:
 
     Args:
         name: of the task and of its controllers
-        rig: name or path of the rig that it is for
+        rig: name of the rig that it is for, or path of its file, seen from the task's file
         terminals: inputs of its controllers, all of which the rig must supply
         fitness: ``(rollouts, goal distances [m] (nsim,)) -> (main, style)``, lower is better, each (nsim,);
             a rollout's fitness is ``main + sqrt(g / G) * style`` in generation g of G
@@ -82,20 +82,29 @@ class Task:
         return self.on.get(rig, self) if rig is not None else self
 
     def scene_with(self, settings: Settings) -> Callable[[mujoco.MjSpec], None] | None:
-        """Return what adds the task's scene to a body, or None if it has none.
+        """Return what adds the task's scene to a body, or None if it has none; its mistakes are told in one sentence.
 
         Args:
             settings: the run's numbers
         """
         scene = self.scene
-        return None if scene is None else lambda spec: scene(spec, settings)
+        if scene is None:
+            return None
+
+        def add(spec: mujoco.MjSpec) -> None:
+            try:
+                scene(spec, settings)
+            except Exception as error:
+                raise InputError(_sentence(_file_of(scene, self.name), error)) from error
+
+        return add
 
 
 def load_task(name_or_path: str) -> Task:
     """Return a built-in task by name, or the task of a Python file by path.
 
     Args:
-        name_or_path: "lamp", "lamp-robust", or a path that ends in ``.py``
+        name_or_path: a key of `BUILT_IN`, or a path that ends in ``.py``
 
     Returns:
         the checked task
@@ -113,7 +122,9 @@ def load_task(name_or_path: str) -> Task:
     if not path.is_file():
         kind = "a folder" if path.is_dir() else "missing"
         raise InputError(f"{name_or_path}: the task file is {kind}; give the path of a Python file that binds TASK")
-    return _checked(_run_file(path), name_or_path)
+    task = _checked(_run_file(path), name_or_path)
+    beside = path.parent / task.rig
+    return replace(task, rig=str(beside)) if beside.suffix == ".toml" and beside.is_file() else task
 
 
 def score(task: Task, rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -130,12 +141,16 @@ def score(task: Task, rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArra
     Raises:
         InputError: the task's fitness failed, or gave something else than two numbers for each rollout
     """
-    origin = task.fitness.__code__.co_filename if hasattr(task.fitness, "__code__") else task.name
+    origin = _file_of(task.fitness, task.name)
     try:
-        parts = tuple(np.asarray(part, np.float64) for part in task.fitness(rollouts, goal_m))
+        given = task.fitness(rollouts, goal_m)
+        parts = tuple(np.asarray(part, np.float64) for part in given)
     except Exception as error:
-        raise InputError(_sentence(Path(origin), error)) from error
-    if len(parts) != 2 or any(part.shape not in ((), goal_m.shape) for part in parts):
+        traces_missing = rollouts.traces is None and isinstance(error, TypeError) and "NoneType" in str(error)
+        remedy = "give Task(…) traces=True if you read rollouts.traces" if traces_missing else "correct the task file"
+        raise InputError(_sentence(origin, error, remedy)) from error
+    one_array = isinstance(given, np.ndarray) and given.ndim != 2  # of two rollouts it would look like a pair
+    if one_array or len(parts) != 2 or any(part.shape not in ((), goal_m.shape) for part in parts):
         raise InputError(
             f"{origin}: fitness gave shapes {[part.shape for part in parts]}; return (main, style), one number each"
             f" for each of the {len(goal_m)} rollouts"
@@ -165,8 +180,14 @@ def _run_file(path: Path) -> ModuleType:
     return module
 
 
-def _sentence(path: Path, error: BaseException) -> str:
-    """Say where in the file an error arose and what it was."""
+def _file_of(function: object, name: str) -> Path:
+    """Return where a function of a task was written."""
+    code = getattr(function, "__code__", None)
+    return Path(code.co_filename if code is not None else name)
+
+
+def _sentence(path: Path, error: BaseException, remedy: str = "correct the task file") -> str:
+    """Say where in the file an error arose, what it was and what to do."""
     line = None
     if isinstance(error, SyntaxError):
         line = error.lineno
@@ -175,7 +196,7 @@ def _sentence(path: Path, error: BaseException) -> str:
         line = frames[-1].lineno if frames else None
     place = f"{path}:{line}" if line else f"{path}"
     told = error.msg if isinstance(error, SyntaxError) else str(error)
-    return f"{place}: {type(error).__name__}: {' '.join(told.split()) or 'no message'}; correct the task file"
+    return f"{place}: {type(error).__name__}: {' '.join(told.split()) or 'no message'}; {remedy}"
 
 
 def _checked(module: ModuleType, origin: str) -> Task:
