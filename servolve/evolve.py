@@ -23,9 +23,11 @@ from controller.errors import InputError, RunError
 from evolve.decide import Validation
 from evolve.run import is_finished
 from evolve.run_folder import free_folder
+from evolve.settings import describe
 from evolve.task import BUILT_IN
 
 RUNS: Final = Path("runs")
+REPORT: Final = "report.html"
 
 _SEED_MAX: Final = 2**63 - 1
 _THREADS_MAX: Final = 1024
@@ -46,6 +48,8 @@ def evolve(
     set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
     resume: Annotated[Path | None, Parameter(negative="")] = None,
     any_version: Annotated[bool, Parameter(negative="")] = False,
+    help_settings: Annotated[bool, Parameter(negative="")] = False,
+    report: Annotated[bool, Parameter(name="--report", negative="--no-report")] = True,
     quiet: Annotated[bool, Parameter(negative="")] = False,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -66,12 +70,18 @@ def evolve(
         set_: KEY=VALUE, one of the run's settings, as often as needed
         resume: go on with the run in this folder; nothing else but --threads and what is printed can be given
         any_version: resume a run that another version of servolve, MuJoCo or numpy began
+        help_settings: list what --set takes, with the task's values, and do nothing
+        report: write the run's report.html when it is done
         quiet: no progress
         json_: print one JSON object
 
     Returns:
         exit status
     """
+    if help_settings:
+        numbers = evolution.Settings() if task is None else evolution.load_task(task).for_rig(rig).settings
+        Console(file=sys.stdout).print(_settings(evolution.apply_overrides(numbers, set_ or [])))
+        return 0
     if threads is not None:
         _check("--threads", threads, 1, _THREADS_MAX)
     given: dict[str, object] = {
@@ -97,8 +107,10 @@ def evolve(
             *([] if generations is None else [f"generations={generations}"]),
         ]
         config = _config(task, rig, engine, out, 1 if seed is None else seed, threads, overrides)
-        with _reporter(quiet, config.out) as report:
-            result = evolution.evolve(config, report)
+        with _reporter(quiet, config.out) as progress:
+            result = evolution.evolve(config, progress)
+    if report and not (result.folder / REPORT).is_file():
+        _write_report(result.folder)
     if json_:
         print(json.dumps(_summary(result)))
     elif not quiet:
@@ -138,8 +150,23 @@ def _resumed(folder: Path, threads: int | None, any_version: bool, quiet: bool) 
     """Go on with a run, or say that there is nothing left to do."""
     if is_finished(folder):
         print(f"{folder}: this run is finished; nothing is left to do", file=sys.stderr)
-    with _reporter(quiet, folder) as report:
-        return evolution.resume(folder, threads, report, any_version=any_version)
+    with _reporter(quiet, folder) as progress:
+        return evolution.resume(folder, threads, progress, any_version=any_version)
+
+
+def _write_report(folder: Path) -> None:
+    """Write a run's report; what it needs and this machine lacks is said, and costs the run nothing."""
+    remedy = f"write it later with servolve show {folder} --report {folder / REPORT}"
+    try:
+        from servolve.run_report import write_run_report
+
+        lacking = write_run_report(folder, folder / REPORT)
+    except ModuleNotFoundError as error:
+        lacking = f"no report: {error.name} is not installed (pip install 'servolve[report]'); {remedy}"
+    except (InputError, RunError) as error:
+        lacking = f"no report: {error}; {remedy}"
+    if lacking:
+        print(f"servolve: {lacking}", file=sys.stderr)
 
 
 def _check(name: str, value: int, low: int, high: int) -> None:
@@ -204,6 +231,14 @@ def _line(progress: evolution.Progress) -> str:
         f" (main {progress.main:.4f}), mean {progress.mean:.3f}, hits {progress.hits}/{progress.conditions},"
         f" {progress.nodes} nodes, {rate:.0f} rollouts/s"
     )
+
+
+def _settings(settings: evolution.Settings) -> Table:
+    """Return what each setting is, for people."""
+    table = Table("setting", "value", "from, to", "meaning", box=None)
+    for one in describe(settings):
+        table.add_row(one.name, one.value, one.allowed, one.meaning)
+    return table
 
 
 def _summary(result: evolution.RunResult) -> dict[str, Any]:

@@ -235,7 +235,18 @@ def test_a_race_of_unfit_takes_the_lowest(pool, method):
 
 
 def test_the_command_prints_one_object_and_progress_apart(tmp_path, capsys):
-    arguments = ["evolve", "lamp", "--out", str(tmp_path / "r"), "--seed", "2", "--population", "8", "--json"]
+    arguments = [
+        "evolve",
+        "lamp",
+        "--out",
+        str(tmp_path / "r"),
+        "--seed",
+        "2",
+        "--population",
+        "8",
+        "--json",
+        "--no-report",
+    ]
     arguments += ["--generations", "2", "--set", "time_limit_s=0.4", "--set", "decision_goals=2"]
     assert main([*arguments, "--set", "held_out_goals=2", "--threads", "1"]) == 0
     said = capsys.readouterr()
