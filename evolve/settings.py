@@ -248,8 +248,10 @@ def _check_together(settings: Settings, origin: str) -> None:
             raise InputError(f"{origin}: {low} is above {high}; swap them")
     if settings.bearing_high_rad - settings.bearing_low_rad > _TURN:
         raise InputError(f"{origin}: bearing_low_rad to bearing_high_rad is more than a turn; bring them closer")
-    if settings.screen_form == "planar" and (settings.bearing_low_rad, settings.bearing_high_rad) != (0, 0):
-        raise InputError(f"{origin}: goals beside the heading cannot be met by a planar body; set screen_form=free")
+    if (settings.bearing_low_rad, settings.bearing_high_rad) != (0, 0):
+        for key in ("screen_form", "decide_form"):
+            if getattr(settings, key) == "planar":
+                raise InputError(f"{origin}: a planar body cannot meet goals beside its heading; set {key}=free")
     if settings.grow_depth_high > settings.depth_max:
         raise InputError(f"{origin}: grow_depth_high is above depth_max; lower it to {settings.depth_max} or less")
     if settings.elites >= settings.population:
