@@ -18,7 +18,7 @@ PAGE = (Path(__file__).parent.parent / "docs" / "tasks.md").read_text(encoding="
 
 # runs as small as may be: what is tested is that files and commands fit together
 SMALL = [
-    *("--population", "10", "--generations", "2", "--threads", "1", "--quiet"),
+    *("--population", "10", "--generations", "2", "--threads", "1", "--quiet", "--no-report"),
     *("--set", "time_limit_s=0.6", "--set", "goals=2", "--set", "race_goals=1", "--set", "stated_goals=1"),
     *("--set", "decision_goals=2", "--set", "held_out_goals=2", "--set", "hall_of_fame=2"),
 ]
@@ -75,6 +75,14 @@ def test_every_setting_is_listed():
         (f"`{one.name}`", one.value, one.allowed.replace(" | ", ", "), one.meaning) for one in describe(Settings())
     ]
     assert table("## Settings") == expected
+
+
+def test_the_command_lists_the_settings(folder, capsys):
+    assert main(["evolve", "walk.py", "--set", "elites=4", "--help-settings"]) == 0
+    said = capsys.readouterr().out
+    for name, value in (("population", "150"), ("goal_low_m", "0.2"), ("elites", "4"), ("selection", "tournament")):
+        assert re.search(rf"^ *{name} +{value} ", said, re.M), said
+    assert not (folder / "runs").exists()
 
 
 def test_a_run_of_a_body_of_ones_own_goes_on_without_its_files(folder, capsys):
