@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -99,13 +100,12 @@ def ask(engine: Engine, settings: Settings, seed: int, before: Generation | None
 
 def _chooser(settings: Settings, before: Generation) -> Choose:
     """Return how a parent is drawn from a generation."""
+    choose: Choose = partial(tournament, rank=before.rank, size=settings.tournament)
     if settings.selection == "proportionate":
         wheel = np.cumsum(shares(before.evaluation.fitness(before.phase), before.complete))
-        choose: Choose = lambda rng: roulette(rng, wheel)  # noqa: E731
-    else:
-        choose = lambda rng: tournament(rng, before.rank, settings.tournament)  # noqa: E731
+        choose = partial(roulette, wheel=wheel)
     if settings.parsimony == "double":
-        return lambda rng: smaller_of_two(rng, choose, before.nodes, settings.double_size)
+        return partial(smaller_of_two, choose=choose, nodes=before.nodes, size=settings.double_size)
     return choose
 
 

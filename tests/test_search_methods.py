@@ -8,7 +8,7 @@ import sqlite3
 import numpy as np
 import pytest
 
-from evolve import RunConfig, apply_overrides, evolve, load_task, ordered_dump
+from evolve import RunConfig, apply_overrides, evolve, load_task, ordered_dump, resume
 
 TASK = load_task("lamp-robust")
 SMALL = [
@@ -50,6 +50,20 @@ def plain(tmp_path_factory):
 def test_every_method_gives_the_same_run_at_any_thread_count_and_one_of_its_own(tmp_path, method, plain):
     one, two = run(tmp_path / "one", method), run(tmp_path / "two", method, threads=2)
     assert one == two != plain
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_goes_on_as_if_nothing_had_happened(tmp_path, method):
+    def interrupt(progress):
+        if progress.generation == 1:
+            raise KeyboardInterrupt
+
+    settings = apply_overrides(TASK.settings, [*SMALL, "elites=2", method])
+    folder = tmp_path / "stopped"
+    with pytest.raises(KeyboardInterrupt):
+        evolve(RunConfig(TASK, folder, 3, settings, None, 1, decide=False), interrupt)
+    resume(folder, 1, lambda _: None)
+    assert ordered_dump(folder / "history.sqlite") == run(tmp_path / "whole", method)
 
 
 def test_conditions_are_drawn_once_on_request(tmp_path):

@@ -91,7 +91,7 @@ def test_a_run_of_a_body_of_ones_own_goes_on_without_its_files(folder, capsys):
         (folder / "run" / name).unlink()
     for name in files():
         (folder / name).unlink()
-    assert main(["evolve", "--resume", "run", "--threads", "1", "--quiet"]) == 0, capsys.readouterr().err
+    assert main(["evolve", "--resume", "run", "--threads", "1", "--quiet", "--no-report"]) == 0, capsys.readouterr().err
     assert (folder / "run" / "best.controller.toml").is_file()
 
 
