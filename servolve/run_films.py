@@ -17,7 +17,7 @@ from evolve.run_file import RunFile, load_again
 from evolve.task import Task
 
 _FILMS: Final = 5  # the chosen best among them
-_POSES: Final = 7
+_POSES: Final = 6
 _WIDTH_PX: Final = 1500
 
 

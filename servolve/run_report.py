@@ -154,7 +154,7 @@ def run_report_html(record: RunRecord, films: Sequence[Film], lacking: str | Non
         lineage=_table(lineage_table(list(record.best), list(record.ancestors)), 2),
         tree=Markup(tree_svg(record.controller)),
         program=format_source(record.controller.source),
-        generations=_table(generation_table(list(record.generations)), 0),
+        generations=_table(generation_table(list(record.generations)), 1),
         settings=_setting_rows(found),
         versions=Rows((), tuple({**found.versions, **found.hashes}.items()), 2),
         task_text=task_file.read_text(encoding="utf-8") if found.task_file else "",

@@ -23,7 +23,7 @@ from evolve.run import is_finished
 from evolve.run_file import RunFile, read_run_file
 from evolve.run_folder import HISTORY, locked
 
-_TEXT_WIDTH: Final = 60
+_TEXT_WIDTH: Final = 44
 
 
 def run_lines(folder: Path) -> Iterator[str]:
