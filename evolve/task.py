@@ -136,7 +136,7 @@ def score(task: Task, rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArra
         goal_m: goal distance of each [m], (nsim,)
 
     Returns:
-        main goal and style points of each rollout, infinite where NaN or where physics diverged, (nsim,) each
+        main goal and style points of each rollout, infinite where not finite or where physics diverged, (nsim,) each
 
     Raises:
         InputError: the task's fitness failed, or gave something else than two numbers for each rollout
@@ -156,7 +156,7 @@ def score(task: Task, rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArra
             f" for each of the {len(goal_m)} rollouts"
         )
     main, style = (np.broadcast_to(part, goal_m.shape) for part in parts)
-    lost = (rollouts.statistics["status"] != 0) | np.isnan(main) | np.isnan(style)
+    lost = (rollouts.statistics["status"] != 0) | ~np.isfinite(main) | ~np.isfinite(style)
     return np.where(lost, np.inf, main), np.where(lost, 0.0, style)
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
 from controller.errors import InputError
-from evolve.task import load_task
+from evolve.task import Task, load_task, score
 from servolve.cli import main
+from sim_models.rollouts import Rollouts
+from sim_models.statistics import STATISTICS, STATUS_DIVERGED
 
 GOOD = """
 from evolve.task import Settings, Task
@@ -149,3 +152,15 @@ def test_input_errors_of_a_task_file_pass_through(tmp_path):
     text = "from controller.errors import InputError\nraise InputError('the floor is missing')\n"
     with pytest.raises(InputError, match="the floor is missing"):
         load_task(write(tmp_path, text))
+
+
+def test_no_number_is_infinitely_bad_of_whatever_sign():
+    statistics = np.zeros(6, STATISTICS)
+    statistics["status"][5] = STATUS_DIVERGED
+    rollouts = Rollouts(statistics, (), None, None, None, None, 10, 0.02)
+    main = np.array([1, np.nan, -np.inf, np.inf, 2, 3])
+    style = np.array([0.5, 0, 0, 0, -np.inf, 0])
+    task = Task(name="odd", rig="lamp-xc330", terminals=("t",), fitness=lambda rollouts, goal_m: (main, style))
+    found = score(task, rollouts, np.zeros(6))
+    assert found[0].tolist() == [1, *[np.inf] * 5]
+    assert found[1].tolist() == [0.5, *[0] * 5]
