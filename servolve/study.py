@@ -122,13 +122,22 @@ def write_study(finished: Finished, folder: Path) -> None:
     Args:
         finished: the study
         folder: where they go
+
+    Raises:
+        RunError: they cannot be written
     """
     name = finished.study.name
-    write_whole(folder / f"{name}.csv", table_csv(finished).encode())
-    write_whole(folder / f"{name}.generations.csv", generations_csv(finished).encode())
-    write_whole(folder / f"{name}.md", fragment(finished, f"{name}.svg").encode())
-    for ending, content in study_figure(finished).items():
-        write_whole(folder / f"{name}.{ending}", content)
+    files = {
+        "csv": table_csv(finished).encode(),
+        "generations.csv": generations_csv(finished).encode(),
+        "md": fragment(finished, f"{name}.svg").encode(),
+        **study_figure(finished),
+    }
+    try:
+        for ending, content in files.items():
+            write_whole(folder / f"{name}.{ending}", content)
+    except RunError:
+        raise RunError(f"{folder}: cannot be written; make room there, then give the same command again") from None
 
 
 def _count(option: str, value: int, high: int) -> int:
