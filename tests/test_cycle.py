@@ -39,7 +39,10 @@ def controller_for(rig, text, *, limits=(-40.0, 50.0, 3.0), unit="deg", filter=1
         name="test",
         period_s=rig.period_s,
         inputs=tuple(Input(name, supplied[name].unit, -1, 1) for name in names),
-        outputs=tuple(Output(joint.name, "position", unit, low, high, neutral) for joint in rig.joints),
+        outputs=tuple(
+            Output(joint.name, joint.mode, f"{unit}/s" if joint.mode == "velocity" else unit, low, high, neutral)
+            for joint in rig.joints
+        ),
         source=source,
         program=lower(source, names),
         filter=filter,
@@ -69,9 +72,17 @@ def terminals(rig, rows, goal=(0.3, 0.0)):
     return dict(zip(terminals_of(rig), native.T, strict=True))
 
 
+def turned(rig):
+    """Return the rig with joints in velocity mode, the first without limits, looking along that one."""
+    joints = [replace(joint, mode="velocity", speed_rad_s_max=8.0) for joint in rig.joints]
+    joints[0] = replace(joints[0], unlimited=True, low_rad=-math.inf, high_rad=math.inf)
+    return replace(rig, joints=tuple(joints), facing=joints[0].name)
+
+
 @given(st.data())
 def test_compiled_cycle_is_the_reference(programs, data):
     rig = load_rig("lamp-xc330")
+    rig = data.draw(st.sampled_from([rig, turned(rig), replace(rig, facing="a2"), load_rig("paper-lamp")]))
     names = list(programs.terminals)
     source = data.draw(programs.sources())
     source = replace(source, outputs=(source.outputs * 3)[:3])
@@ -179,6 +190,55 @@ def test_goal_met_is_latched_within_15_mm(rig):
     xs = [0.0, 0.3151, 0.3149, 0.4]
     assert terminals(rig, [raw_of(rig, x=x) for x in xs])["goal_met"].tolist() == [0, 0, 1, 1]
     assert terminals(rig, [raw_of(rig)], (0.015, 0.0))["goal_met"].tolist() == [1]
+
+
+def velocities(rig, text, angles=(0.0, 0.0, 0.0), **how):
+    """Run both cycles once with the joints at these angles; return the rates that the goal counts command [rad/s]."""
+    controller = controller_for(rig, text, unit="rad", limits=(-100.0, 100.0, 0.0), **how)
+    raw = raw_of(rig, angles=angles)
+    _, _, counts = run_cycle(controller, rig, np.array([raw]), (0.3, 0.0))
+    assert ReferenceCycle(controller, rig).step(0.3, 0.0, raw)[2].tolist() == counts[0].tolist()
+    return [j.sign * c * j.product.velocity_unit_rad_s for j, c in zip(rig.joints, counts[0], strict=True)]
+
+
+def test_velocities_are_commanded_in_velocity_counts(rig):
+    half = 0.5 * rig.joints[0].product.velocity_unit_rad_s + 1e-6
+    told = velocities(turned(rig), "(list 3 -2 1)", names=[])
+    assert told == pytest.approx([3.0, -2.0, 1.0], abs=half)
+    assert velocities(turned(rig), "(list 50 -50 0)", names=[]) == pytest.approx([8.0, -8.0, 0.0], abs=half)
+    # filter and slew limit are in rad/s and rad/s2: half of 4, then 50 rad/s2 for 20 ms
+    assert velocities(turned(rig), "(list 4 0 0)", names=[], filter=0.5)[0] == pytest.approx(2.0, abs=half)
+    assert velocities(turned(rig), "(list 4 0 0)", names=[], slew_rad_s=50.0)[0] == pytest.approx(1.0, abs=half)
+
+
+@pytest.mark.parametrize("speed", [5.0, -5.0])
+def test_a_velocity_that_would_leave_the_travel_is_none(rig, speed):
+    other, limit = turned(rig), rig.joints[1].high_rad * math.copysign(1.0, speed)
+    way = speed * rig.period_s
+    for angle, expected in ((0.0, speed), (limit - 1.1 * way, speed), (limit - 0.9 * way, 0.0), (limit + way, 0.0)):
+        told = velocities(other, f"(list {speed} {speed} {speed})", (limit, angle, angle), names=[])
+        assert told == pytest.approx([speed, expected, expected], abs=0.02), angle
+        # back inside is always allowed
+        back = velocities(other, f"(list 0 {-speed} {-speed})", (limit, angle, angle), names=[])
+        assert back == pytest.approx([0.0, -speed, -speed], abs=0.02)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7, -2.0, 3.0, 40.0])
+def test_a_rig_that_looks_along_a_joint_sees_the_goal_turned(rig, angle):
+    other = replace(rig, facing="a0")
+    plain, seen = (
+        terminals(one, [raw_of(one), raw_of(one, angles=(angle, 0, 0), x=0.1, y=0.05, heading=0.4)], (0.4, 0.9))
+        for one in (rig, other)
+    )
+    assert (seen["px"][0], seen["py"][0]) == (plain["px"][0], plain["py"][0])  # the goal itself does not turn
+    exact = raw_of(rig, angles=(angle, 0, 0))[0] - rig.joints[0].zero_tick
+    turn = exact * 2 * math.pi / 4096
+    x, y = float(plain["px"][1]), float(plain["py"][1])
+    assert seen["px"][1] == pytest.approx(x * math.cos(turn) + y * math.sin(turn), abs=1e-5)
+    assert seen["py"][1] == pytest.approx(y * math.cos(turn) - x * math.sin(turn), abs=1e-5)
+    expected = math.remainder(math.atan2(y, x) - turn, 2 * math.pi)
+    assert seen["heading_error"][1] == pytest.approx(expected, abs=1e-4)
+    assert abs(seen["heading_error"][1]) <= np.float32(math.pi)
 
 
 def outputs(rig, text, nstep=1, **how):
@@ -322,6 +382,9 @@ def test_what_does_not_fit_the_rig_is_refused(rig, change, what):
         {"outputs": {"high": math.inf}},
         {"outputs": {"count_scale": math.inf}},
         {"outputs": {"count_low": 5000}},
+        {"outputs": {"angle_low": 1.0}},
+        {"outputs": {"angle": TerminalSpec("a0", TerminalKind.RAW, "rad", 16)}},
+        {"facing": {"channel": 16}},
     ],
     ids=str,
 )

@@ -28,7 +28,7 @@ from sim_models.body import (
 )
 from sim_models.perturbations import draw_perturbations, nominal_perturbations, take
 from sim_models.rollouts import RolloutPool, StopConditions, make_cases, trace_channels
-from sim_models.servo import servo_parameters, set_servo
+from sim_models.servo import servo_parameters, set_servo, velocity_parameters
 from sim_models.simulation import NEVER_STOP, simulate
 from sim_models.statistics import STATISTICS, count_hops
 
@@ -42,14 +42,21 @@ SENSING = (
 )
 
 
-def make_controller(*expressions, inputs=UNITS, filter_=0.8, slew=15.0):
+def make_controller(*expressions, inputs=UNITS, filter_=0.8, slew=15.0, joints=(), more=()):
+    units = UNITS | dict.fromkeys(("vx", "vy", "vz"), "m/s")
+    velocity = bool(joints) and joints[0].mode == "velocity"
+    if more:
+        expressions = (f"(+ {expressions[0]} (* 3 (+ vx (- vy vz))))", *expressions[1:])
+    if velocity:
+        expressions = tuple(f"(* 0.2 {expression})" for expression in expressions)
+    kind, unit = ("velocity", "rad/s") if velocity else ("position", "deg")
     text = f'program = "(list {" ".join(expressions)})"\n[controller]\nname = "c"\nperiod_s = 0.02\n'
     text += f"filter = {filter_}\nslew_rad_s = {slew}\n"
-    for name in inputs:
-        text += f'[[input]]\nname = "{name}"\nunit = "{UNITS[name]}"\nlow = -10.0\nhigh = 10.0\n'
+    for name in (*inputs, *sorted(more)):
+        text += f'[[input]]\nname = "{name}"\nunit = "{units[name]}"\nlow = -10.0\nhigh = 10.0\n'
     for name in ("a0", "a1", "a2"):
         text += (
-            f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60.0\nhigh = 60.0\nneutral = 0.0\n'
+            f'[[output]]\nname = "{name}"\nkind = "{kind}"\nunit = "{unit}"\nlow = -60.0\nhigh = 60.0\nneutral = 0.0\n'
         )
     return parse_controller(text, "test")
 
@@ -90,24 +97,49 @@ def perturbed_model(rig, form, timestep, row):
     mujoco.mj_setConst(model, mujoco.MjData(model))
     for i, joint in enumerate(rig.joints):
         voltage = rig.supply_v * row.voltage[0]
-        gains = (joint.p_gain, joint.d_gain, joint.pwm_limit)
-        set_servo(model, i, servo_parameters(joint.product, *gains, voltage, row.torque[0, i]))
+        motor = model.actuator(joint.name)
+        if joint.ideal:
+            for values in (motor.gainprm, motor.biasprm, motor.forcerange):
+                values *= row.torque[0, i] * row.voltage[0]
+        elif joint.mode == "velocity":
+            gains = (joint.velocity_p_gain, joint.pwm_limit)
+            set_servo(model, motor.id, velocity_parameters(joint.product, *gains, voltage, row.torque[0, i]))
+        else:
+            gains = (joint.p_gain, joint.d_gain, joint.pwm_limit)
+            set_servo(model, motor.id, servo_parameters(joint.product, *gains, voltage, row.torque[0, i]))
     return model
+
+
+def input_scales(rig, row):
+    """Return what each motor's input is over its goal: a velocity servo's gain shares the motor with the back-EMF."""
+    scales = []
+    for joint in rig.joints:
+        product = joint.product
+        if joint.ideal or joint.mode == "position":
+            scales.append(1.0)
+            continue
+        volts_per_rad_s = joint.velocity_p_gain / 128 / 885 * rig.supply_v * row.voltage[0]
+        volts_per_rad_s /= product.velocity_unit_rad_s
+        back_emf = product.voltage_v / product.no_load_speed_rad_s
+        scales.append(float(np.float32(volts_per_rad_s / (volts_per_rad_s + back_emf))))
+    return np.array(scales)
 
 
 def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
     """Run the loop in Python: MuJoCo's bindings, the reference cycle, sensor lines as a list of what was sent."""
     model = perturbed_model(rig, form, timestep, row)
-    start = settled_data(build_model(rig, form=form, timestep_s=timestep, lean=True), rig)
+    nominal = build_model(rig, form=form, timestep_s=timestep, lean=True)
+    start = settled_data(nominal, rig)
     data, layout = mujoco.MjData(model), body_layout(model, rig)
     data.qpos[:] = start.qpos
     data.qpos[layout.qpos] += row.initial_rad[0].astype(np.float32)
-    data.ctrl[layout.actuator] = [joint.neutral_rad for joint in rig.joints]
+    data.ctrl[layout.actuator] = [0 if joint.mode == "velocity" else joint.neutral_rad for joint in rig.joints]
     mujoco.mj_forward(model, data)
     cycle, specs, nsub = ReferenceCycle(controller, rig), terminals_of(rig), substeps(rig, timestep)
     sigma = {name: np.float32(row.pose_noise_m[0]) for name in "xyz"}
     sigma |= {name: np.float32(row.angle_noise_rad[0]) for name in ("heading", "roll", "pitch")}
     sigma["force"] = np.float32(row.force_noise_n[0])
+    scales_in = input_scales(rig, row)
     latency, sent, pending, records, states = round(row.latency_s[0] / timestep), [], {}, [], []
 
     def judge():
@@ -115,16 +147,20 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
         up = base_rotation(model, data)[2, 2]
         speed = np.linalg.norm(data.qvel[:3] if form == "free" else data.qvel[:2])
         place = (pose.x, pose.y, pose.heading, math.acos(up), clearance(model, data, layout), speed)
-        rates, shares = data.qvel[layout.dof], loads(rig, model, data.actuator_force[layout.actuator])
+        rates, shares = data.qvel[layout.dof], loads(rig, nominal, data.actuator_force[layout.actuator])
         states.append((*place, *data.qpos[layout.qpos], *rates, *shares))
 
     def look(substep):
         pose = dataclasses.asdict(base_pose(model, data)) | {"force": base_force(model, data)}
+        speed = data.qvel[:3] if form == "free" else (data.qvel[0], 0.0, data.qvel[1])
+        ahead = base_rotation(model, data)[:2, 0]
+        c, s = ahead / np.sqrt(ahead[0] * ahead[0] + ahead[1] * ahead[1])
+        pose |= {"vx": speed[0] * c + speed[1] * s, "vy": speed[1] * c - speed[0] * s, "vz": speed[2]}
         for channel, sensor in enumerate(rig.sensors):
             due = substep * timestep * sensor.rate_hz
             if abs(due - round(due)) < 1e-6:
                 value = pose[sensor.name]
-                value += float(sigma[sensor.name]) * splitmix_normal(int(row.seed[0]), substep, channel)
+                value += float(sigma.get(sensor.name, 0.0)) * splitmix_normal(int(row.seed[0]), substep, channel)
                 arrival = substep * timestep + sensor.latency_s
                 sent.append((arrival, channel, value, sensor))
 
@@ -135,7 +171,7 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
         for suffix, values in (
             ("", data.qpos[layout.qpos] + row.encoder_bias_rad[0].astype(np.float32)),
             ("_vel", data.qvel[layout.dof]),
-            ("_load", loads(rig, model, data.actuator_force[layout.actuator])),
+            ("_load", loads(rig, nominal, data.actuator_force[layout.actuator])),
         ):
             raw += [encode(specs[j.name + suffix], v) for j, v in zip(rig.joints, values, strict=True)]
         for channel, sensor in enumerate(rig.sensors):
@@ -155,7 +191,7 @@ def slow_rollout(controller, rig, form, timestep, nstep, goal, row):
         records.append((raw, outputs, counts, [pose.x, pose.y, pose.z, height, *data.qpos[layout.qpos]]))
         for i in range(nsub):
             if k * nsub + i in pending:
-                data.ctrl[layout.actuator] = pending[k * nsub + i]
+                data.ctrl[layout.actuator] = np.array(pending[k * nsub + i]) * scales_in
             mujoco.mj_step(model, data)
             look(k * nsub + i + 1)
     judge()
@@ -187,7 +223,7 @@ def judged(states, goal):
         "max_tilt": tilt.max(),
         "end_speed": speed[-11:].max(),
         "end_joint_error": np.abs(joints[-1]).mean(),
-        "max_clearance": height.max(),
+        "max_clearance": max(height.max(), 0.0),
         "path": moved.sum(),
         "ground_path": moved[down[:-1] & down[1:]].sum(),
         "path_after_hit": moved[first:].sum(),
@@ -218,11 +254,50 @@ def loads(rig, model, torque):
     return shares
 
 
+def velocity_lamp():
+    """Return the lamp with its servos in velocity mode."""
+    rig = load_rig("lamp-xc330")
+    change = {"mode": "velocity", "speed_rad_s_max": 10.0, "velocity_p_gain": 2000, "p_gain": 0}
+    return dataclasses.replace(rig, joints=tuple(dataclasses.replace(joint, **change) for joint in rig.joints))
+
+
+def velocity_paper_lamp(folder):
+    """Return the ideal lamp with velocity motors, looking along its last joint, which has no limits."""
+    rig = load_rig("paper-lamp")
+    text = (
+        rig.body.read_text()
+        .replace('<position kp="60" kv="1.5"', '<velocity kv="20"')
+        .replace("<position", "<velocity")
+    )
+    body = folder / "velocity.xml"
+    body.write_text(text)
+    joints = [dataclasses.replace(joint, mode="velocity", speed_rad_s_max=10.0) for joint in rig.joints]
+    joints[2] = dataclasses.replace(joints[2], unlimited=True, low_rad=-math.inf, high_rad=math.inf)
+    return dataclasses.replace(rig, body=body, joints=tuple(joints), facing="a2")
+
+
 @pytest.mark.parametrize(
-    ("form", "timestep", "seed", "goal"),
-    [("free", 0.002, 3, (0.35, 0.2)), ("planar", 0.005, 4, (0.02, 0.0)), ("free", 0.0025, 5, (0.02, -0.3))],
+    ("name", "form", "timestep", "seed", "goal"),
+    [
+        ("lamp", "free", 0.002, 3, (0.35, 0.2)),
+        ("lamp", "planar", 0.005, 4, (0.02, 0.0)),
+        ("lamp", "free", 0.0025, 5, (0.02, -0.3)),
+        ("paper-lamp", "free", 0.004, 6, (0.3, 0.1)),
+        ("velocity lamp", "free", 0.005, 7, (0.3, 0.0)),
+        ("velocity paper-lamp", "free", 0.004, 8, (0.3, 0.0)),
+        ("velocity paper-lamp", "planar", 0.005, 9, (0.3, 0.0)),
+    ],
 )
-def test_rollouts_are_the_slow_loop_bit_for_bit(rig, sensing, form, timestep, seed, goal):
+def test_rollouts_are_the_slow_loop_bit_for_bit(tmp_path, name, form, timestep, seed, goal):
+    rig = {
+        "lamp": lambda: load_rig("lamp-xc330"),
+        "paper-lamp": lambda: load_rig("paper-lamp"),
+        "velocity lamp": velocity_lamp,
+        "velocity paper-lamp": lambda: velocity_paper_lamp(tmp_path),
+    }[name]()
+    sensing = make_controller(
+        *SENSING, joints=rig.joints, more={"vx", "vy", "vz"} if name.endswith("paper-lamp") else ()
+    )
     perturbations = draw_perturbations(np.random.default_rng(seed), 3, 3)
     nstep = 40
     with RolloutPool(rig, form=form, timestep_s=timestep, time_limit_s=0.8, threads=1, stop=NEVER_STOP) as pool:
@@ -253,6 +328,21 @@ def assert_same(a, b, sims=slice(None)):
     for name in ("traces", "raw", "outputs", "goal_counts"):
         x, y = getattr(a, name)[sims], getattr(b, name)[sims]
         assert np.array_equal(x.view(np.uint32), y.view(np.uint32)), name
+
+
+@pytest.mark.parametrize(
+    "switch",
+    [{"lean": False}, {"timer": True}, {"stop_early": False}, {"lean": False, "timer": True, "stop_early": False}],
+)
+@pytest.mark.parametrize("name", ["lamp-xc330", "paper-lamp"])
+def test_a_switch_changes_no_statistic(name, switch, hopper, sensing):
+    rig = load_rig(name)
+    falling = make_controller("60", "60", "60", inputs=())
+    controllers = [hopper, sensing, falling]
+    one, other = (run_many(rig, controllers, threads=1, **options)[2] for options in ({}, switch))
+    assert set(one.statistics["fallen"].tolist()) != {0}  # some did stop early
+    assert one.statistics.tobytes() == other.statistics.tobytes()
+    assert_same(one, other)
 
 
 def test_threads_change_nothing(rig, hopper, sensing):
