@@ -100,7 +100,7 @@ def perturbed_model(rig, form, timestep, row):
         motor = model.actuator(joint.name)
         if joint.ideal:
             for values in (motor.gainprm, motor.biasprm, motor.forcerange):
-                values *= row.torque[0, i] * row.voltage[0]
+                values[:] = values * (row.torque[0, i] * row.voltage[0])
         elif joint.mode == "velocity":
             gains = (joint.velocity_p_gain, joint.pwm_limit)
             set_servo(model, motor.id, velocity_parameters(joint.product, *gains, voltage, row.torque[0, i]))
@@ -266,7 +266,7 @@ def velocity_paper_lamp(folder):
     rig = load_rig("paper-lamp")
     text = (
         rig.body.read_text()
-        .replace('<position kp="60" kv="1.5"', '<velocity kv="20"')
+        .replace('<position kp="60" kv="2.5"', '<velocity kv="20"')
         .replace("<position", "<velocity")
     )
     body = folder / "velocity.xml"
