@@ -60,5 +60,15 @@ class Engine(Protocol):
         ...
 
     def read(self, text: str) -> object:
-        """Return the genotype that `write` wrote, bit for bit."""
+        """Return the genotype that `write` wrote, bit for bit.
+
+        Args:
+            text: the genotype as text
+
+        Returns:
+            the genotype
+
+        Raises:
+            InputError: the text is no genotype of this engine and its settings
+        """
         ...

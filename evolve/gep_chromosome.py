@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from controller.decimals import DECIMAL, format_decimal, parse_decimal
+from controller.decimals import format_decimal, parse_decimal
 from controller.errors import InputError
 from controller.source import Apply, Constant, Expression, Source
 from evolve.tree import Primitives
@@ -208,11 +208,17 @@ def parse_chromosome(layout: Layout, text: str) -> Chromosome:
         for at, word in enumerate(row):
             if word in code_of:
                 codes[gene, at] = code_of[word]
-            elif DECIMAL.fullmatch(word):
-                values[gene, at] = parse_decimal(word)
             else:
-                raise InputError(f"'{word}' is no symbol of this run's chromosomes; give one of the same terminals")
+                values[gene, at] = _constant(word)
     chromosome = Chromosome(codes, values)
     if not is_chromosome(layout, chromosome):
         raise InputError("a tail holds a function; give a chromosome of a run with the same head")
     return chromosome
+
+
+def _constant(word: str) -> np.float32:
+    """Read a constant."""
+    try:
+        return parse_decimal(word)
+    except (ValueError, OverflowError):
+        raise InputError(f"'{word}' is no symbol of this run's chromosomes; give one of the same terminals") from None

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from controller.errors import InputError
 from controller.operations import BY_NAME
 from controller.source import Apply, Constant, Expression, Name, Source
 
@@ -182,7 +183,12 @@ def from_source(primitives: Primitives, source: Source) -> Genotype:
 
     Returns:
         the genotype
+
+    Raises:
+        InputError: the source holds what no tree of these primitives does
     """
+    if source.definitions:
+        raise InputError("trees have no definitions; write every expression out")
     return tuple(_from_expression(primitives, expression) for expression in source.outputs)
 
 
@@ -196,6 +202,8 @@ def _from_expression(primitives: Primitives, root: Expression) -> Tree:
         value = np.float32(0)
         match node:
             case Apply(operation=operation, operands=operands):
+                if operation not in primitives.functions:
+                    raise InputError(f"'{operation}' is no function here; use only {' '.join(primitives.functions)}")
                 codes.append(primitives.functions.index(operation))
                 pending.extend(reversed(operands))
             case Name(name=name):

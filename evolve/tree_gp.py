@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controller import format_source, parse
+from controller.errors import InputError
 from controller.source import Source
 from evolve.engine import Choose, Individual
 from evolve.grow import ramped_half_and_half
@@ -70,7 +71,12 @@ class TreeGp:
 
     def read(self, text: str) -> Genotype:
         """Return the trees of a text that `write` wrote, bit for bit."""
-        return from_source(self.primitives, parse(text, self.primitives.terminals))
+        source = parse(text, self.primitives.terminals)
+        if len(source.outputs) != self.noutput:
+            raise InputError(
+                f"a genotype here has {self.noutput} trees, not {len(source.outputs)}; give one of this run"
+            )
+        return from_source(self.primitives, source)
 
     def _child(self, rng: np.random.Generator, population: Sequence[Individual], choose: Choose) -> Individual:
         """Draw an operator by its share, and choose its parents."""

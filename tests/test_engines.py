@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -112,3 +113,25 @@ def test_a_first_population_holds_constants_within_their_range(name):
 def test_an_unknown_engine_is_refused():
     with pytest.raises(InputError, match="choose one of gp, gep"):
         make_engine("gpe", TERMINALS, 3, NUMBERS)
+
+
+@pytest.mark.parametrize("name", ENGINES)
+@pytest.mark.parametrize(
+    "spoil", ["", "px", "(list t)", "(list t (sin t) px)", "(let ((n t)) (list n n n))", "(list t t 1e99)"]
+)
+def test_a_text_of_something_else_is_refused(name, spoil):
+    engine, _ = evolved(name, 9, 0)
+    with pytest.raises(InputError):
+        engine.read(spoil)
+
+
+@pytest.mark.parametrize("name", ENGINES)
+@pytest.mark.parametrize(("old", "new"), [(r"\bpx\b", "nowhere"), (r"-?\d+\.\d+", "1e99"), (r"\bt\b", "osc-wave")])
+def test_a_spoilt_text_is_refused(name, old, new):
+    engine, population = evolved(name, 9, 0)
+    texts = [engine.write(individual) for individual in population]
+    spoilt = [changed for text in texts if (changed := re.sub(old, new, text, count=1)) != text]
+    assert spoilt
+    for text in spoilt:
+        with pytest.raises(InputError):
+            engine.read(text)
