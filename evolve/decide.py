@@ -57,11 +57,12 @@ class Validation:
         conditions: how many
         mean_error_m: mean distance from the goal at the end [m]
         median_error_m: median of the same [m]
-        hits: share within 1.5 cm of the goal at the end, at rest, upright
+        hits: share within 1.5 cm of the goal at the end, at rest, upright, the head untouched
         within_15_mm: share within 1.5 cm at the end, upright
         within_50_mm: share within 5 cm at the end, upright
         passed: share that came within 1.5 cm at any time, the papers' hit
         falls: share that fell
+        head_touched: share whose head touched anything
         hops_mean: mean number of hops
         hops_min: fewest hops
         clearance_m: mean over the rollouts of the largest clearance of all feet [m]
@@ -77,6 +78,7 @@ class Validation:
     within_50_mm: float
     passed: float
     falls: float
+    head_touched: float
     hops_mean: float
     hops_min: int
     clearance_m: float
@@ -292,6 +294,7 @@ def validate(task: Task, pool: RolloutPool, controller: Controller, conditions: 
         within_50_mm=_mean(upright & (end["final_error"] <= NEAR_M)),
         passed=_mean(is_passed(end)),
         falls=_mean(end["fallen"] != 0),
+        head_touched=_mean(end["head_touched"]),
         hops_mean=_mean(end["hops"]),
         hops_min=int(end["hops"].min()),
         clearance_m=_mean(end["max_clearance"]),

@@ -116,7 +116,7 @@ class Race:
 
 
 def is_hit(statistics: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
-    """Return which rollouts hit the goal: within 1.5 cm of it at the end, at rest, upright.
+    """Return which rollouts hit the goal: within 1.5 cm of it at the end, at rest, upright, the head untouched.
 
     Args:
         statistics: dtype `STATISTICS`, (nsim,)
@@ -129,6 +129,7 @@ def is_hit(statistics: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
         & (statistics["upright_end"] == 1)
         & (statistics["final_error"] <= HIT_M)
         & (statistics["end_speed"] <= REST_M_S)
+        & (statistics["head_touched"] == 0)
     )
     return hit
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from evolve import lamp_paper
 from evolve.lamp_robust import TASK as ROBUST
 from evolve.task import Settings, Task
 
@@ -25,4 +26,5 @@ TASK = Task(
         latency_s=0.02,
         hall_of_fame=45,
     ),
+    on={lamp_paper.RIG: lamp_paper.LAMP},
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evolve import lamp_paper
 from evolve.task import FloatArray, Settings, Task
 from sim_models.rollouts import Rollouts
 
@@ -45,4 +46,5 @@ TASK = Task(
         hall_of_fame=45,
         decision_goals=48,
     ),
+    on={lamp_paper.RIG: lamp_paper.ROBUST},
 )

@@ -92,6 +92,8 @@ class Settings:
     bearing_low_rad: float = _number(0.0, -2 * math.pi, 2 * math.pi, "direction of goals, from here [rad]")
     bearing_high_rad: float = _number(0.0, -2 * math.pi, 2 * math.pi, "to here, left of the heading [rad]")
     redraw: bool = _switch(True, "draw goals and rigs anew for every generation; false: those of the first for all")
+    pole_share: float = _number(0.9, 0.1, 10, "lower edge of the limbo pole, over the lamp's standing height")
+    pole_at: float = _number(0.5, 0.05, 0.95, "place of the limbo pole, over the way to the goal")
     friction: float = _number(0.3, 0, 0.95, "floor friction varies by ± this share")
     mass: float = _number(0.1, 0, 0.95, "masses vary by ± this share")
     torque: float = _number(0.2, 0, 0.95, "torque of each servo varies by ± this share")

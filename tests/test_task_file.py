@@ -94,7 +94,7 @@ def test_what_is_no_task_is_refused_with_its_line(tmp_path, capsys, text, told):
         (".", "the task file is a folder"),
         ("missing.py", "the task file is missing"),
         ("lamp-robut", "did you mean lamp-robust?"),
-        ("hexapod", "give one of lamp, lamp-robust, or the path of a .py file"),
+        ("hexapod", "give one of lamp, lamp-robust, "),
     ],
 )
 def test_what_is_no_file_is_refused(tmp_path, capsys, name, told, monkeypatch):

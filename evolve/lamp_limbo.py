@@ -1,0 +1,96 @@
+"""The lamp learns to limbo: hop to a goal beyond a pole without touching it with the head."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+
+from evolve import lamp_paper, lamp_robust
+from evolve.settings import Settings
+from evolve.task import FloatArray, StopConditions, Task
+from sim_models.rollouts import Rollouts
+from sim_models.standing import standing_height
+
+POLE_RADIUS_SHARE = 0.012
+"""Radius of the pole over the standing height."""
+
+_POLE_LENGTH_SHARE = 1.6
+_TOUCHES_ARMS = 4  # collision bit that the pole and the arms share: elsewhere the arms touch nothing
+
+
+def pole(spec: mujoco.MjSpec, settings: Settings) -> None:
+    """Put a pole across the way, between start and goal, its lower edge below the top of the standing lamp.
+
+    Args:
+        spec: the lamp, added to
+        settings: the run's numbers, of which the farthest goal, `pole_share` and `pole_at` count
+    """
+    tall = standing_height(spec)
+    radius = POLE_RADIUS_SHARE * tall
+    x, z = settings.pole_at * settings.goal_high_m, settings.pole_share * tall + radius
+    half = _POLE_LENGTH_SHARE * tall / 2
+    spec.worldbody.add_geom(
+        name="pole",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[x, -half, z, x, half, z],
+        size=[radius, 0.0, 0.0],
+        contype=1 | _TOUCHES_ARMS,
+        conaffinity=0,
+        rgba=[0.85, 0.55, 0.10, 1.0],
+    )
+    for geom in spec.geoms:
+        if geom.name.startswith("arm"):
+            geom.conaffinity |= _TOUCHES_ARMS
+
+
+def fitness(rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the paper's main goal and style points, and a large penalty for a touch of the head.
+
+    Args:
+        rollouts: finished rollouts
+        goal_m: goal distance of each [m], (nsim,)
+
+    Returns:
+        main goal [m] and style points of each, (nsim,) each
+
+    Source: Gritz & Hahn 1995, §5 (limbo).
+    """
+    main, style = lamp_paper.fitness(rollouts, goal_m)
+    return main, style + np.where(rollouts.statistics["head_touched"] == 1, 0.5, 0.0)
+
+
+STOP = StopConditions(head_contact=False)
+
+TASK = Task(
+    name="lamp-limbo",
+    rig=lamp_paper.RIG,
+    terminals=lamp_paper.TERMINALS,
+    fitness=fitness,
+    settings=dataclasses.replace(
+        lamp_paper.SETTINGS,
+        goals=1,
+        race_goals=0,
+        goal_low_m=0.7,
+        goal_high_m=0.7,
+        stated_goals=1,
+        decision_goals=1,
+        held_out_goals=1,
+    ),
+    stop=STOP,
+    scene=pole,
+    on={
+        "lamp-xc330": Task(
+            name="lamp-limbo",
+            rig="lamp-xc330",
+            terminals=lamp_robust.TASK.terminals,
+            fitness=fitness,
+            settings=dataclasses.replace(
+                lamp_robust.TASK.settings, goals=4, race_goals=2, goal_low_m=0.35, goal_high_m=0.35
+            ),
+            stop=STOP,
+            scene=pole,
+        )
+    },
+)
