@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from controller import Controller, Rig, load_controller, load_rig, program_hash
+from controller import Controller, load_controller, load_rig, program_hash
 from controller.controller_file import controller_text
 from controller.errors import InputError
 from controller.native import run_cycle
@@ -29,12 +29,11 @@ from evolve.decide import (
     stated_hits,
     who_hit_most,
 )
-from evolve.engine import Engine, Individual
-from evolve.engines import make_engine
+from evolve.engine import Individual
 from evolve.evaluate import Cache, evaluate
 from evolve.held_out import condition_rows
-from evolve.history import GenerationRow, History
-from evolve.run_file import RunFile, begin_run_file, check_versions, load_again, read_run_file, versions
+from evolve.history import GenerationRow, History, open_history
+from evolve.run_file import begin_run_file, check_versions, load_again, read_run_file, versions
 from evolve.run_folder import (
     BEST,
     HISTORY,
@@ -46,42 +45,16 @@ from evolve.run_folder import (
     validation_text,
     write_whole,
 )
+from evolve.run_plan import Plan, RunConfig, make_plan, open_pool, open_screen
 from evolve.search import Generation, ask, tell
-from evolve.settings import Settings, check
-from evolve.streams import RNG_NAME, Stream, generator
+from evolve.settings import Settings
+from evolve.streams import Stream, generator
 from evolve.task import Task
-from evolve.template import controller_template
-from sim_models.body import Form
 from sim_models.rollouts import RolloutPool, make_cases
 
+__all__ = ["Progress", "RunConfig", "RunResult", "evolve", "golden_trace", "is_finished", "resume"]
+
 _GOLDEN_STEPS: Final = 50
-
-
-@dataclass(frozen=True)
-class RunConfig:
-    """Say what to run.
-
-    Args:
-        task: the task
-        out: folder of the run, new or empty
-        seed: of all chance
-        settings: numbers; None: the task's own
-        rig: name or path of the rig; None: the task's own
-        threads: threads that simulate, which change nothing but the time; None: one per CPU
-        engine: name of the method; None: the task's own
-        decide: choose the best in full physics and judge it; False: the search alone
-        task_text: content of the task's file, of which the folder keeps a copy; None: the task is built in
-    """
-
-    task: Task
-    out: Path
-    seed: int = 1
-    settings: Settings | None = None
-    rig: str | None = None
-    threads: int | None = None
-    engine: str | None = None
-    decide: bool = True
-    task_text: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -148,8 +121,8 @@ def evolve(config: RunConfig, progress: Callable[[Progress], None]) -> RunResult
         InputError: task, rig, settings or folder are wrong
     """
     started = time.monotonic()
-    plan = _plan(config, load_rig(config.rig or config.task.rig))
-    with _screen(plan) as pool:
+    plan = make_plan(config, load_rig(config.rig or config.task.rig))
+    with open_screen(plan) as pool:
         _rehearse(plan, pool)
         make_folder(config.out)
         with locked(config.out):
@@ -187,17 +160,17 @@ def resume(
     """
     started = time.monotonic()
     found = read_run_file(folder)
+    if is_finished(folder):
+        return _result_of(folder)
     with locked(folder):
         task, rig = load_again(folder, found, task)
         config = RunConfig(
             *(task, folder, found.seed, found.settings, found.rig, threads, found.engine), decide=found.decide
         )
-        plan = _plan(config, rig)
-        if is_finished(folder):
-            return _result_of(plan, found)
         if not any_version:
             check_versions(folder, found)
-        with _screen(plan) as pool:
+        plan = make_plan(config, rig)
+        with open_screen(plan) as pool:
             return _finish(plan, *_search(plan, pool, progress, started), started)
 
 
@@ -210,68 +183,7 @@ def is_finished(folder: Path) -> bool:
     return (folder / BEST).is_file()
 
 
-@dataclass(frozen=True, eq=False)
-class _Plan:
-    """Hold all that a run's steps share."""
-
-    task: Task
-    folder: Path
-    seed: int
-    settings: Settings
-    rig: Rig
-    threads: int | None
-    engine: Engine
-    template: Controller
-    decide: bool
-
-    def head(self) -> dict[str, str | int | float | bool]:
-        """Return what the run is, apart from its numbers."""
-        return {
-            "task": self.task.name,
-            "rig": self.rig.name,
-            "engine": self.engine.name,
-            "seed": self.seed,
-            "rng": RNG_NAME,
-        }
-
-
-def _plan(config: RunConfig, rig: Rig) -> _Plan:
-    """Check what a run is to be."""
-    task = config.task
-    settings = check(config.settings or task.settings, task.name)
-    template = controller_template(task, rig, settings)
-    engine = make_engine(config.engine or task.engine, task.terminals, len(template.outputs), settings)
-    return _Plan(
-        *(task, config.out, config.seed, settings, rig, config.threads, engine, template), decide=config.decide
-    )
-
-
-def _screen(plan: _Plan) -> RolloutPool:
-    """Open the search's rollouts; a step that does not fit the rig's period is told before the search, not after."""
-    settings = plan.settings
-    for timestep_s in (settings.verify_timestep_s, settings.decide_timestep_s):
-        _pool(plan, settings.decide_form, timestep_s).close()
-    return _pool(plan, settings.screen_form, settings.screen_timestep_s)
-
-
-def _pool(plan: _Plan, form: Form, timestep_s: float) -> RolloutPool:
-    """Open rollouts in one physics."""
-    settings = plan.settings
-    return RolloutPool(
-        plan.rig,
-        form=form,
-        timestep_s=timestep_s,
-        time_limit_s=settings.time_limit_s,
-        threads=plan.threads,
-        stop=plan.task.stop,
-        scene=plan.task.scene_with(settings),
-        lean=settings.lean,
-        timer=settings.timer,
-        stop_early=settings.stop_early,
-    )
-
-
-def _finish(plan: _Plan, halls: list[Candidate], simulations: int, earlier_s: float, started: float) -> RunResult:
+def _finish(plan: Plan, halls: list[Candidate], simulations: int, earlier_s: float, started: float) -> RunResult:
     """Choose and judge the best, and leave its files, the controller last."""
     if not plan.decide:
         best = halls[-1]
@@ -279,9 +191,9 @@ def _finish(plan: _Plan, halls: list[Candidate], simulations: int, earlier_s: fl
         return RunResult(plan.folder, best.controller, best, None, simulations, seconds)
     task, rig, settings, seed = plan.task, plan.rig, plan.settings, plan.seed
     hall = hall_of_fame(halls, settings)
-    with _pool(plan, settings.decide_form, settings.verify_timestep_s) as pool:
+    with open_pool(plan, settings.decide_form, settings.verify_timestep_s) as pool:
         verified = stated_hits(task, pool, rig, settings, seed, hall)
-    with _pool(plan, settings.decide_form, settings.decide_timestep_s) as pool:
+    with open_pool(plan, settings.decide_form, settings.decide_timestep_s) as pool:
         hall = who_hit_most(hall, verified + stated_hits(task, pool, rig, settings, seed, hall))
         best, validation, held_out = decide(task, pool, rig, settings, seed, hall)
         golden = golden_trace(pool, best.controller, held_out)
@@ -297,11 +209,10 @@ def _finish(plan: _Plan, halls: list[Candidate], simulations: int, earlier_s: fl
     return RunResult(plan.folder, controller, best, validation, simulations, earlier_s + time.monotonic() - started)
 
 
-def _result_of(plan: _Plan, found: RunFile) -> RunResult:
+def _result_of(folder: Path) -> RunResult:
     """Return what a finished run came to."""
-    controller = load_controller(plan.folder)
-    checkpoint = read_checkpoint(plan.folder / HISTORY, plan.engine, plan.template)
-    path = plan.folder / VALIDATION
+    controller = load_controller(folder)
+    path = folder / VALIDATION
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         origin, validation = content["best"], Validation(**content["held_out"])
@@ -309,7 +220,10 @@ def _result_of(plan: _Plan, found: RunFile) -> RunResult:
         best = Candidate(origin["generation"], origin["individual"], origin["program"], nodes, controller)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not as the run wrote it ({error}); put back the file that it wrote") from None
-    return RunResult(plan.folder, controller, best, validation, checkpoint.simulations, checkpoint.seconds)
+    with open_history(folder / HISTORY) as history:
+        query = "select total(simulations), total(seconds) from generation"
+        simulations, seconds = history.execute(query).fetchone()
+    return RunResult(folder, controller, best, validation, int(simulations), seconds)
 
 
 def golden_trace(pool: RolloutPool, controller: Controller, conditions: Conditions) -> dict[str, list[list[str]]]:
@@ -332,7 +246,7 @@ def golden_trace(pool: RolloutPool, controller: Controller, conditions: Conditio
     return {"inputs": _bits(terminals), "outputs": _bits(outputs)}
 
 
-def _rehearse(plan: _Plan, pool: RolloutPool) -> None:
+def _rehearse(plan: Plan, pool: RolloutPool) -> None:
     """Let a controller that holds still meet the first conditions: a task's mistakes show before a folder is made."""
     template, settings = plan.template, plan.settings
     rng = generator(plan.seed, Stream.CONDITIONS)
@@ -341,7 +255,7 @@ def _rehearse(plan: _Plan, pool: RolloutPool) -> None:
 
 
 def _search(
-    plan: _Plan, pool: RolloutPool, progress: Callable[[Progress], None], started: float
+    plan: Plan, pool: RolloutPool, progress: Callable[[Progress], None], started: float
 ) -> tuple[list[Candidate], int, float]:
     """Run the generations that are missing; return the best of each, all simulations, and earlier wall time [s]."""
     path = plan.folder / HISTORY
@@ -369,14 +283,14 @@ def _search(
     return hall, cache.simulations, checkpoint.seconds
 
 
-def _last_generation(plan: _Plan, pool: RolloutPool, cache: Cache, checkpoint: Checkpoint) -> Generation | None:
+def _last_generation(plan: Plan, pool: RolloutPool, cache: Cache, checkpoint: Checkpoint) -> Generation | None:
     """Return the last generation of a checkpoint as its run knew it: told again, its outcomes are in the cache."""
     if checkpoint.generations in (0, plan.settings.generations):
         return None
     return _tell(plan, pool, cache, checkpoint.generations - 1, checkpoint.population)
 
 
-def _tell(plan: _Plan, pool: RolloutPool, cache: Cache, number: int, population: Sequence[Individual]) -> Generation:
+def _tell(plan: Plan, pool: RolloutPool, cache: Cache, number: int, population: Sequence[Individual]) -> Generation:
     """Let a population meet the conditions of its generation."""
     return tell(*(plan.task, plan.engine, plan.settings, plan.template, pool, cache, plan.seed), number, population)
 
@@ -398,7 +312,7 @@ def _progress(generation: Generation, row: GenerationRow, settings: Settings, ca
     )
 
 
-def _provenance(plan: _Plan, best: Candidate, validation: Validation) -> Mapping[str, Any]:
+def _provenance(plan: Plan, best: Candidate, validation: Validation) -> Mapping[str, Any]:
     """Return how the best came to be and how good it is."""
     return {
         **plan.head(),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from controller import Controller, Rig
-from controller.errors import RunError
+from controller.errors import InputError, RunError
 from evolve.record import Ancestor, GenerationSummary, controllers_of
 from evolve.run_file import RunFile, load_again
 from evolve.task import Task
@@ -48,6 +48,17 @@ def films_of(
     Returns:
         the films, and why there are none or None
     """
+    try:
+        return _films(folder, found, generations, best), None
+    except ModuleNotFoundError as error:
+        return [], f"There are no film strips: {error.name} is not installed (pip install 'servolve[report]')."
+    except (InputError, RunError) as error:
+        return [], f"There are no film strips: {error}."
+
+
+def _films(
+    folder: Path, found: RunFile, generations: Sequence[GenerationSummary], best: tuple[Ancestor, Controller]
+) -> list[Film]:
     chosen = filmed_generations([g.generation for g in generations], best[0].generation)
     places = [(generations[number].generation, generations[number].individual) for number in chosen]
     controllers = [*controllers_of(folder, places), best[1]]
@@ -57,17 +68,11 @@ def films_of(
     ]
     captions.append(f"The best of the run, from generation {best[0].generation}")
     task, rig = load_again(folder, found)
-    try:
-        films = [
-            Film(f"{caption}; {told}", data)
-            for caption, controller in zip(captions, controllers, strict=True)
-            for told, data in [_film(task, rig, found, controller)]
-        ]
-    except ModuleNotFoundError as error:
-        return [], f"There are no film strips: {error.name} is not installed (pip install 'servolve[report]')."
-    except RunError as error:
-        return [], f"There are no film strips: {error}."
-    return films, None
+    return [
+        Film(f"{caption}; {told}", data)
+        for caption, controller in zip(captions, controllers, strict=True)
+        for told, data in [_film(task, rig, found, controller)]
+    ]
 
 
 def filmed_generations(generations: Sequence[int], best: int) -> list[int]:

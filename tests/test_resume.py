@@ -99,7 +99,7 @@ def test_a_decision_that_was_interrupted_is_made_again(uninterrupted, tmp_path, 
 def test_a_finished_run_says_so_and_tells_its_result_again(uninterrupted, capsys):
     folder = uninterrupted
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    assert main(["evolve", "--resume", str(folder), "--json"]) == 0
+    assert main(["evolve", "--resume", str(folder), "--json", "--no-report"]) == 0
     said = capsys.readouterr()
     assert "finished" in said.err
     validation = json.loads((folder / "validation.json").read_text())
@@ -107,6 +107,14 @@ def test_a_finished_run_says_so_and_tells_its_result_again(uninterrupted, capsys
     assert summary["held_out"] == validation["held_out"]
     assert summary["program_hash"] == validation["best"]["program"]
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_finished_run_is_told_whatever_has_changed_since(uninterrupted, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(uninterrupted, folder)
+    text = (folder / "run.toml").read_text()
+    (folder / "run.toml").write_text(text.replace('mujoco = "', 'mujoco = "0.').replace('body = "', 'body = "0'))
+    assert resume(folder, 1, pytest.fail).validation is not None
 
 
 def test_a_search_alone_is_resumed_as_such(tmp_path):
