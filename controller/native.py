@@ -97,6 +97,56 @@ class NativeProgram:
         return outputs
 
 
+def lay_out_cycle(spec: CycleSpec) -> SvCycle:
+    """Lay a cycle out as `sv_cycle` and verify it.
+
+    Args:
+        spec: the cycle's numbers
+
+    Returns:
+        the structure; it keeps what it points to alive as long as itself
+
+    Raises:
+        InputError: they are inconsistent, or the library is not built
+    """
+    program = pack_program(spec.program)
+    terminals = (SvTerminal * max(len(spec.terminals), 1))(*map(_terminal, spec.terminals))
+    outputs = (SvOutput * len(spec.outputs))(*map(_output, spec.outputs))
+    pose = (_terminal(spec.x), _terminal(spec.y), _terminal(spec.heading), _terminal(spec.facing))
+    packed = SvCycle(
+        ctypes.pointer(program), terminals, outputs, spec.period_s, spec.filter, spec.slew_step, spec.nraw, *pose
+    )
+    packed.parts = (program, terminals, outputs)
+    return _verified(packed)
+
+
+def replace_program(cycle: SvCycle, program: Program) -> SvCycle:
+    """Return a copy of a cycle with another program in it, at a fraction of what laying it out costs.
+
+    Args:
+        cycle: from `lay_out_cycle`
+        program: as many inputs and outputs as the cycle's own
+
+    Returns:
+        the structure; it keeps what it points to alive as long as itself
+
+    Raises:
+        InputError: the program breaks a bound
+    """
+    packed = SvCycle.from_buffer_copy(cycle)
+    own = pack_program(program)
+    packed.program = ctypes.pointer(own)
+    packed.parts = (cycle, own)
+    return _verified(packed)
+
+
+def _verified(cycle: SvCycle) -> SvCycle:
+    """Return a cycle that the runtime accepts."""
+    if library().sv_cycle_verify(byref(cycle)) != 0:
+        raise InputError("the controller's limits, filter, slew or period are not usable on the rig; check both files")
+    return cycle
+
+
 class NativeCycle:
     """Run the control cycle of one controller on one rig, from the start.
 
@@ -109,27 +159,8 @@ class NativeCycle:
 
     def __init__(self, spec: CycleSpec) -> None:
         self.spec = spec
+        self._cycle = lay_out_cycle(spec)
         program = spec.program
-        self._program = pack_program(program)
-        self._terminals = (SvTerminal * max(len(spec.terminals), 1))(*map(_terminal, spec.terminals))
-        self._outputs = (SvOutput * len(spec.outputs))(*map(_output, spec.outputs))
-        self._cycle = SvCycle(
-            ctypes.pointer(self._program),
-            self._terminals,
-            self._outputs,
-            spec.period_s,
-            spec.filter,
-            spec.slew_step,
-            spec.nraw,
-            _terminal(spec.x),
-            _terminal(spec.y),
-            _terminal(spec.heading),
-            _terminal(spec.facing),
-        )
-        if library().sv_cycle_verify(byref(self._cycle)) != 0:
-            raise InputError(
-                "the controller's limits, filter, slew or period are not usable on the rig; check both files"
-            )
         self._state = SvCycleState()
         self._registers = np.empty(program.nregister, np.float32)
         self._program_state = np.empty(max(program.nstate, 1), np.float32)

@@ -6,7 +6,7 @@ import ctypes
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
@@ -15,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from controller.controller import Controller
-from controller.cycle import CycleSpec, resolve_cycle
+from controller.cycle import resolve_cycle
 from controller.errors import InputError, RunError
-from controller.native import NativeCycle
+from controller.library import SvCycle
+from controller.native import lay_out_cycle, replace_program
 from controller.rig import Rig
 from sim_models import native_rollouts as native
 from sim_models.body import Form, Layout, Scene, body_layout, build_model, settled_data, substeps
@@ -208,7 +209,7 @@ class RolloutPool:
         self._setup.stop_early = int(stop_early)
         self._setup.timer = int(timer)
         self._models: SimulatedModels | None = None
-        self._specs: dict[tuple[object, ...], CycleSpec] = {}
+        self._cycles: dict[tuple[object, ...], SvCycle] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -370,21 +371,21 @@ class RolloutPool:
         ):
             raise InputError(f"perturbations: latency_s is not within 0 to {longest:g} s; choose a shorter one")
 
-    def _pack_cycle(self, controller: Controller) -> NativeCycle:
+    def _pack_cycle(self, controller: Controller) -> SvCycle:
         """Lay a controller's cycle out; those of a population differ only in their programs, the rest is kept."""
         own = (controller.inputs, controller.outputs, controller.period_s, controller.filter, controller.slew_rad_s)
-        if own not in self._specs:
-            self._specs[own] = resolve_cycle(controller, self.rig)
-        return NativeCycle(replace(self._specs[own], program=controller.program))
+        if own not in self._cycles:
+            self._cycles[own] = lay_out_cycle(resolve_cycle(controller, self.rig))
+        return replace_program(self._cycles[own], controller.program)
 
     def _pack_cases(
-        self, cycles: Sequence[NativeCycle], cases: Cases, perturbations: Perturbations
+        self, cycles: Sequence[SvCycle], cases: Cases, perturbations: Perturbations
     ) -> npt.NDArray[np.void]:
         """Fill one struct a simulation."""
         dtype = np.dtype(native.SvRolloutCase)
         packed = np.zeros(len(cases), dtype)
         rows = cases.perturbation
-        packed["cycle"] = np.array([cycle.address for cycle in cycles], np.uint64)[cases.controller]
+        packed["cycle"] = np.array([ctypes.addressof(cycle) for cycle in cycles], np.uint64)[cases.controller]
         packed["goal"]["goal_dist"] = cases.goal_dist
         packed["goal"]["goal_bearing"] = cases.goal_bearing
         packed["seed"] = perturbations.seed[rows]
