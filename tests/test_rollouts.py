@@ -266,7 +266,7 @@ def velocity_paper_lamp(folder):
     rig = load_rig("paper-lamp")
     text = (
         rig.body.read_text()
-        .replace('<position kp="60" kv="2.5"', '<velocity kv="20"')
+        .replace('<position kp="60" kv="1.5"', '<velocity kv="20"')
         .replace("<position", "<velocity")
     )
     body = folder / "velocity.xml"
