@@ -46,7 +46,7 @@ def study_figure(finished: Finished) -> dict[str, bytes]:
     metric = METRICS[finished.study.metric]
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(9.2, 3.6), layout="constrained")
-        curves, ends = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.5, 1]}, sharey=True)
+        curves, ends = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.25, 1]}, sharey=True)
         _draw_curves(curves, finished)
         _draw_ends(ends, finished)
         curves.set(xlabel="individuals examined", ylabel=f"best of generation, {metric}", title=finished.study.title)
@@ -81,7 +81,7 @@ def _draw_ends(ax: Axes, finished: Finished) -> None:
         ax.plot([place, place], [low, high], color=colour, linewidth=5.0, alpha=0.35, solid_capstyle="butt")
         ax.plot(np.full(len(final), place), final, "o", color=colour, markersize=3.0)
         ax.plot([place - 0.25, place + 0.25], [median, median], color=colour, linewidth=2.0)
-    ax.set_xticks(range(len(colours)), list(colours))
+    ax.set_xticks(range(len(colours)), list(colours), fontsize=8.0)
 
 
 def _colours(finished: Finished) -> dict[str, Any]:
