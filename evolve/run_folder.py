@@ -173,6 +173,7 @@ def write_whole(path: Path, content: bytes) -> None:
         finally:
             os.close(folder)
     except OSError as error:
+        part.unlink(missing_ok=True)
         raise RunError(
             f"{path}: cannot be written ({error.strerror}); make room there, then go on with servolve evolve --resume"
             f" {path.parent}"

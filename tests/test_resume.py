@@ -127,28 +127,22 @@ def test_a_search_alone_is_resumed_as_such(tmp_path):
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["history.sqlite", "run.toml"]
 
 
-def test_a_run_that_simulates_programs_again_and_again_resumes_too(tmp_path):
-    settings = apply_overrides(killed_run.TASK.settings, [*killed_run.SMALL, "cache=false", "redraw=false"])
-
-    def run(folder, progress):
-        return evolve(RunConfig(killed_run.TASK, folder, 7, settings, threads=1), progress)
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        ["redraw=false"],
+        ["redraw=false", "cache=false"],
+        ["parsimony=tarpeian", "selection=proportionate"],
+        ["parsimony=double"],
+        ["objectives=size,peak_torque"],
+    ],
+)
+def test_every_kind_of_search_goes_on_as_if_it_had_not_stopped(tmp_path, numbers):
+    small = [*killed_run.SMALL, "population=12", "generations=4", *numbers]
+    settings = apply_overrides(killed_run.TASK.settings, small)
 
     def interrupt(progress):
         if progress.generation == 1:
-            raise KeyboardInterrupt
-
-    whole = run(tmp_path / "whole", silent)
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "run", interrupt)
-    assert resume(tmp_path / "run", 1, silent).simulations == whole.simulations
-    assert_same_run(tmp_path / "run", tmp_path / "whole")
-
-
-def test_conditions_that_stay_are_remembered_over_an_interruption(tmp_path):
-    settings = apply_overrides(killed_run.TASK.settings, [*killed_run.SMALL, "redraw=false"])
-
-    def interrupt(progress):
-        if progress.generation == 2:
             raise KeyboardInterrupt
 
     whole = evolve(RunConfig(killed_run.TASK, tmp_path / "whole", 7, settings, threads=1), silent)
@@ -156,6 +150,9 @@ def test_conditions_that_stay_are_remembered_over_an_interruption(tmp_path):
         evolve(RunConfig(killed_run.TASK, tmp_path / "run", 7, settings, threads=1), interrupt)
     assert resume(tmp_path / "run", 1, silent).simulations == whole.simulations
     assert_same_run(tmp_path / "run", tmp_path / "whole")
+    pareto = [(tmp_path / name / "pareto.json") for name in ("run", "whole")]
+    assert pareto[0].exists() == pareto[1].exists() == any("objectives" in number for number in numbers)
+    assert not pareto[0].exists() or pareto[0].read_bytes() == pareto[1].read_bytes()
 
 
 def test_two_processes_do_not_work_on_one_run(begun):
