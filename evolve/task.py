@@ -38,7 +38,12 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 Fitness: TypeAlias = Callable[[Rollouts, FloatArray], tuple[FloatArray, FloatArray]]
 Scene: TypeAlias = Callable[[mujoco.MjSpec, Settings], None]
 
-BUILT_IN = {"lamp": "evolve.lamp", "lamp-robust": "evolve.lamp_robust", "lamp-limbo": "evolve.lamp_limbo"}
+BUILT_IN = {
+    "lamp": "evolve.lamp",
+    "lamp-robust": "evolve.lamp_robust",
+    "lamp-limbo": "evolve.lamp_limbo",
+    "jumper": "evolve.jumper",
+}
 """Module of each task that has a name."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,63}\Z")
