@@ -59,8 +59,8 @@ def evolve(
     was stopped goes on with --resume.
 
     Args:
-        task: lamp (one goal), lamp-robust (any goal in 10 to 60 cm), lamp-limbo (a pole across the way), jumper (goals in
-            any direction), or the path of a task's Python file
+        task: lamp (one goal), lamp-robust (any goal in 10 to 60 cm), lamp-limbo (a pole across the way), jumper (any
+            direction), or the path of a task's Python file
         rig: name or path of the rig; left out: the task's own
         engine: gp (tree genetic programming) or gep (gene expression programming); left out: the task's own
         out: folder of the run, new or empty; left out: runs/TASK-SEED
