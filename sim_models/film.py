@@ -19,12 +19,14 @@ from controller.rig import Rig
 from sim_models.body import Scene, body_layout, build_model
 from sim_models.offscreen import Offscreen, look_sideways
 from sim_models.simulation import Simulation
+from sim_models.standing import standing_height
 from sim_models.statistics import HOP_CLEARANCE_M
 
 FloatArray = npt.NDArray[np.float64]
 
 _PANEL_PX: Final = (300, 380)  # width, height of a pose in a strip
-_PANEL_M: Final = 0.36  # what its height shows
+_PANEL_M: Final = 0.36  # what its height shows of a body …
+_TALL_M: Final = 0.22  # … that stands no taller; of a taller one more, in proportion
 _VIDEO_PX: Final = (1280, 480)
 _MARGIN_M: Final = 0.22  # kept free before and behind the way in a video
 _REST_M: Final = 0.003  # a base that moves less stands
@@ -99,10 +101,11 @@ def write_strip(motion: Motion, path: str | Path, poses: int = 10) -> None:
     chosen.append(len(motion.time_s) - 1)
     width, height = _PANEL_PX
     strip = Image.new("RGB", (width * len(chosen), height), "white")
-    with _Stage(motion, _PANEL_PX, _PANEL_M) as stage:
+    size = _size(motion.rig)
+    with _Stage(motion, _PANEL_PX, size * _PANEL_M) as stage:
         for place, k in enumerate(chosen):
             # above the middle of the base: the lamp leans over its front
-            picture = stage.pose(k, motion.base[k, 0] + 0.01, 0.135)
+            picture = stage.pose(k, motion.base[k, 0] + 0.01 * size, 0.135 * size)
             strip.paste(_captioned(picture, motion, k), (place * width, 0))
     draw = ImageDraw.Draw(strip)
     for place in range(1, len(chosen)):
@@ -124,8 +127,9 @@ def write_video(motion: Motion, path: str | Path) -> None:
     target = _checked(path, ".mp4")
     width, height = _VIDEO_PX
     ends = np.append(motion.base[:, 0], motion.goal[0])
-    low, high = float(ends.min()) - _MARGIN_M, float(ends.max()) + _MARGIN_M
-    span = max(high - low, 1.0)
+    size = _size(motion.rig)
+    low, high = float(ends.min()) - size * _MARGIN_M, float(ends.max()) + size * _MARGIN_M
+    span = max(high - low, size * 1.0)
     scale = span * height / width
     with _Stage(motion, _VIDEO_PX, scale) as stage:
         frames = (
@@ -133,6 +137,12 @@ def write_video(motion: Motion, path: str | Path) -> None:
             for k in range(len(motion.time_s))
         )
         _encode(frames, target, 1.0 / motion.rig.period_s)
+
+
+def _size(rig: Rig) -> float:
+    """Return how much larger than a small body a rig's is drawn, at least 1."""
+    tall = standing_height(mujoco.MjSpec.from_file(str(rig.body)))
+    return max(1.0, tall / _TALL_M)
 
 
 def moving_instants(motion: Motion) -> int:
