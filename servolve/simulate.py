@@ -14,6 +14,7 @@ from rich.table import Table
 
 from controller import Controller, Rig, controller_text, load_controller, load_rig
 from controller.errors import InputError, RunError
+from controller.rig import Joint
 from controller.rig_file import require_bus
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def simulate(
     *,
     rig: str | None = None,
     goal: float = GOAL_M,
+    bearing: float = 0.0,
     seconds: float | None = None,
     timestep: float | None = None,
     twin: Path | None = None,
@@ -45,7 +47,8 @@ def simulate(
     Args:
         controller: a controller file, or a run folder (its best)
         rig: name that `servolve rig list` prints, or path of a rig file; left out: the one it was evolved on
-        goal: distance of the goal ahead of the start [m]
+        goal: distance of the goal from the start [m]
+        bearing: its direction, left of the heading at the start [rad]
         seconds: length of the simulation; left out: as long as a rollout of the controller's evolution, or 6 [s]
         timestep: MuJoCo's step; left out: 0.001, or the twin's [s]
         twin: twin file, which makes the physics differ from the rig's nominal ones
@@ -62,13 +65,15 @@ def simulate(
     length = float(program.provenance.get("time_limit_s", SECONDS)) if seconds is None else seconds
     if not -100.0 <= goal <= 100.0:
         raise InputError(f"--goal {goal:g}: is no distance in reach; give metres")
+    if not -7.0 <= bearing <= 7.0:
+        raise InputError(f"--bearing {bearing:g}: is more than a turn; give radians, from -3.14 to 3.14")
     if not about.period_s <= length <= 600.0:
         raise InputError(f"--seconds {length:g}: is not between {about.period_s:g} and 600; give another length")
     console = Console(stderr=True)
     if twin is not None:
         require_bus(about, "a twin")
     other = _load_twin(twin)
-    run = _run(program, about, goal, length, timestep, other, console)
+    run = _run(program, about, (goal, bearing), length, timestep, other, console)
     status = int(run.statistics["status"])
     if log is not None:
         write_log(run, log, length, other)
@@ -104,6 +109,7 @@ def summary(run: Simulation) -> dict[str, Any]:
         "controller": run.controller.name,
         "rig": run.rig.name,
         "goal_m": run.goal_dist,
+        "bearing_rad": run.goal_bearing,
         "seconds": round(int(row["alive_steps"]) * run.rig.period_s, 9),
         "diverged": bool(row["status"]),
     }
@@ -182,7 +188,7 @@ def _load_twin(twin: Path | None) -> Twin | None:
 def _run(
     program: Controller,
     rig: Rig,
-    goal: float,
+    goal: tuple[float, float],
     seconds: float,
     timestep: float | None,
     twin: Twin | None,
@@ -192,9 +198,15 @@ def _run(
     from sim_models.body import build_model
     from sim_models.simulation import simulate as simulate_once
 
+    distance, bearing = goal
     if twin is None:
         return simulate_once(
-            program, rig, goal_dist=goal, timestep_s=TIMESTEP_S if timestep is None else timestep, time_limit_s=seconds
+            program,
+            rig,
+            goal_dist=distance,
+            goal_bearing=bearing,
+            timestep_s=TIMESTEP_S if timestep is None else timestep,
+            time_limit_s=seconds,
         )
     step = (twin.timestep_s or TIMESTEP_S) if timestep is None else timestep
     if twin.stiction_scale != 1.0:
@@ -203,7 +215,7 @@ def _run(
             highlight=False,
         )
     # the twin's servos: their stall torque and supply change with their perturbation, their gain with the rig
-    joints = tuple(replace(joint, p_gain=round(joint.p_gain * twin.p_gain_scale)) for joint in rig.joints)
+    joints = tuple(_with_gains(joint, twin.p_gain_scale) for joint in rig.joints)
     other = replace(rig, joints=joints)
     model = build_model(other, timestep_s=step, lean=True)
     for dof in (model.joint(joint.mjcf_joint).dofadr[0] for joint in rig.joints):
@@ -214,7 +226,8 @@ def _run(
         simulate_once(
             program,
             other,
-            goal_dist=goal,
+            goal_dist=distance,
+            goal_bearing=bearing,
             timestep_s=step,
             time_limit_s=seconds,
             perturbations=twin_perturbations(twin, rig),
@@ -222,6 +235,12 @@ def _run(
         ),
         rig=rig,
     )
+
+
+def _with_gains(joint: Joint, scale: float) -> Joint:
+    """Return a joint whose P gain, of position or velocity, is another."""
+    gains = {"p_gain": round(joint.p_gain * scale), "velocity_p_gain": round(joint.velocity_p_gain * scale)}
+    return replace(joint, **gains)  # type: ignore[arg-type]
 
 
 def twin_perturbations(twin: Twin, rig: Rig) -> Any:  # noqa: ANN401  sim_models is imported lazily

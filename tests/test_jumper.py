@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 
 import mujoco
 import numpy as np
 import pytest
 
-from controller import load_rig, lower, parse
+from controller import load_rig, lower, parse, save_controller
 from controller.native import run_cycle
 from evolve import RunConfig, apply_overrides, evolve, jumper, jumper_paper, load_task, ordered_dump
 from evolve.task import score
 from evolve.template import controller_template
+from servolve.cli import main
 from sim_models.body import body_layout, build_model, settled_data
 from sim_models.rollouts import Rollouts
 from sim_models.simulation import simulate
@@ -90,6 +92,20 @@ def test_a_hand_written_controller_turns_the_leg_to_the_goal(name, bearing):
     assert wrapped(facing - bearing) == pytest.approx(0, abs=0.05)
     assert run.statistics["upright_end"] == 1
     assert run.statistics["final_error"] == pytest.approx(0.4, abs=0.02), "it turns on the spot"
+
+
+def test_the_command_simulates_goals_in_any_direction(tmp_path, capsys):
+    rig = load_rig("jumper-xc330")
+    path = tmp_path / "hold.controller.toml"
+    save_controller(controller(rig, HOLD), path)
+    command = ["simulate", str(path), "--rig", rig.name, "--goal", "0.3", "--seconds", "2", "--timestep", "0.005"]
+    for bearing in (-2.0, 1.0):
+        assert main([*command, "--bearing", str(bearing), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["bearing_rad"] == bearing
+        assert told["final_px_m"] == pytest.approx(0.3 * math.cos(bearing), abs=0.02), "px of the end is the base's"
+    assert main([*command, "--bearing", "10"]) == 2
+    assert "--bearing 10: is more than a turn; give radians" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", RIGS)
