@@ -38,6 +38,7 @@ from evolve.run_folder import (
     BEST,
     HISTORY,
     PARETO,
+    RUN,
     VALIDATION,
     locked,
     make_folder,
@@ -180,7 +181,7 @@ def is_finished(folder: Path) -> bool:
     Args:
         folder: the run's
     """
-    return (folder / BEST).is_file()
+    return (folder / RUN).is_file() and (folder / BEST).is_file()
 
 
 def _finish(plan: Plan, halls: list[Candidate], simulations: int, earlier_s: float, started: float) -> RunResult:

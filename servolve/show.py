@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, Literal
 from cyclopts import Parameter
 
 from controller import Controller, format_source, load_controller, program_hash
+from controller.controller_file import BEST
 from controller.decimals import format_decimal
 from controller.errors import InputError
 from controller.source import Apply, Constant, Expression, Last, Name
@@ -47,7 +48,8 @@ def show(
 
         print("\n".join(run_lines(controller)))
         return 0
-    if run:
+    if run and not (controller / BEST).is_file():
+        # the history's best needs the simulation's packages; the chosen one does not
         from evolve.record import best_controller
 
         loaded = best_controller(controller)
