@@ -19,6 +19,7 @@ from controller.rig_file import require_bus
 
 if TYPE_CHECKING:
     from deploy.virtual.twin import Twin
+    from sim_models.body import Scene
     from sim_models.simulation import Simulation
 
 RIG: Final = "lamp-xc330"
@@ -42,7 +43,7 @@ def simulate(
     strip: Path | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
-    """Simulate a controller on a rig once, closed-loop, the base free.
+    """Simulate a controller on a rig once, closed-loop, the base free; a run's best with what stood in its way.
 
     Args:
         controller: a controller file, or a run folder (its best)
@@ -73,7 +74,7 @@ def simulate(
     if twin is not None:
         require_bus(about, "a twin")
     other = _load_twin(twin)
-    run = _run(program, about, (goal, bearing), length, timestep, other, console)
+    run = _run(program, about, (goal, bearing), length, timestep, other, _scene(controller), console)
     status = int(run.statistics["status"])
     if log is not None:
         write_log(run, log, length, other)
@@ -185,6 +186,17 @@ def _load_twin(twin: Path | None) -> Twin | None:
     return load_twin(twin)
 
 
+def _scene(controller: Path) -> Scene | None:
+    """Return what stood in the way when a run was evolved; None for a controller that is no run's folder."""
+    from evolve.run_file import load_again, read_run_file
+    from evolve.run_folder import RUN
+
+    if not (controller / RUN).is_file():
+        return None
+    found = read_run_file(controller)
+    return load_again(controller, found)[0].scene_with(found.settings)
+
+
 def _run(
     program: Controller,
     rig: Rig,
@@ -192,6 +204,7 @@ def _run(
     seconds: float,
     timestep: float | None,
     twin: Twin | None,
+    scene: Scene | None,
     console: Console,
 ) -> Simulation:
     """Simulate on the nominal rig or its twin."""
@@ -207,6 +220,7 @@ def _run(
             goal_bearing=bearing,
             timestep_s=TIMESTEP_S if timestep is None else timestep,
             time_limit_s=seconds,
+            scene=scene,
         )
     step = (twin.timestep_s or TIMESTEP_S) if timestep is None else timestep
     if twin.stiction_scale != 1.0:
@@ -217,7 +231,7 @@ def _run(
     # the twin's servos: their stall torque and supply change with their perturbation, their gain with the rig
     joints = tuple(_with_gains(joint, twin.p_gain_scale) for joint in rig.joints)
     other = replace(rig, joints=joints)
-    model = build_model(other, timestep_s=step, lean=True)
+    model = build_model(other, timestep_s=step, lean=True, scene=scene)
     for dof in (model.joint(joint.mjcf_joint).dofadr[0] for joint in rig.joints):
         model.dof_frictionloss[dof] *= twin.joint_friction_scale
         model.dof_damping[dof] *= twin.joint_damping_scale
@@ -232,6 +246,7 @@ def _run(
             time_limit_s=seconds,
             perturbations=twin_perturbations(twin, rig),
             model=model,
+            scene=scene,
         ),
         rig=rig,
     )
