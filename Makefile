@@ -37,6 +37,7 @@ format: $(VENV)/ready ## rewrite the sources in the house's format
 accept: $(VENV)/ready ## what needs a quiet machine: real-time rates and speed ratios
 	$(BIN)/pytest tests/accept_*.py
 	$(BIN)/servolve bench rollout
+	$(BIN)/servolve bench evolve --quick
 
 bench: $(VENV)/ready ## measure speed, as ratios
 	$(BIN)/servolve bench

@@ -2,35 +2,66 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import json
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
+from rich.status import Status
 from rich.table import Table
 
 from controller.errors import InputError, RunError
 
 RIG: Final = "lamp-xc330"
+FORMS: Final[tuple[Literal["planar", "free"], ...]] = ("planar", "free")
 ROLLOUT_RATIO_MIN: Final = 0.95
+SHIPPED_RATIO_MIN: Final = 1.0
+
+_SEEDS: Final = 5
+_SEEDS_MAX: Final = 100
+_QUICK: Final = {"populations": 1, "size": 10, "turns": 1}
+_TIMERS: Final = {True: "as shipped", False: "off on both sides"}
 
 Rows = list[dict[str, Any]]
+Tables = dict[str, Rows]
 _SHOWN: Final = ("ratio", "bound", "ok")
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Say how much to measure.
+
+    Args:
+        quick: as little as shows that all works
+        seeds: evolution runs of each side
+        told: called with what is being run
+    """
+
+    quick: bool
+    seeds: int
+    told: Callable[[str], None]
 
 
 def bench(
     name: str | None = None,
     /,
     *,
+    quick: Annotated[bool, Parameter(negative="")] = False,
+    seeds: int | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
     """Measure ratios of rates, each side by turns in this very run; absolute rates differ too much between machines.
 
     Args:
-        name: which, as `rollout`; left out: all
+        name: rollout (against the engine alone) or evolve (against a DEAP program); left out: all
+        quick: small evolution runs and few of them, whose ratios have no bounds
+        seeds: evolution runs of each side; left out: 5, or 1 if quick
         json_: print one JSON object
 
     Returns:
@@ -38,51 +69,76 @@ def bench(
     """
     if name is not None and name not in BENCHES:
         raise InputError(f"bench {name}: there is no such measurement; choose one of {', '.join(BENCHES)}")
+    if seeds is not None and not 1 <= seeds <= _SEEDS_MAX:
+        raise InputError(f"bench --seeds {seeds}: give a number from 1 to {_SEEDS_MAX}")
     console = Console(stderr=True)
-    found: dict[str, Rows] = {}
+    found: Tables = {}
     for chosen in BENCHES if name is None else (name,):
-        with console.status(f"measuring {chosen}"):
-            found[chosen] = BENCHES[chosen]()
+        with console.status(f"measuring {chosen}") as status:
+            told = functools.partial(_tell, status, chosen)
+            found |= BENCHES[chosen](Effort(quick, seeds or (1 if quick else _SEEDS), told))
     if json_:
         print(json.dumps(found))
     else:
         for chosen, rows in found.items():
             _print(chosen, rows)
-    low = [f"{chosen} {row['ratio']:.3f}" for chosen, rows in found.items() for row in rows if not row["ok"]]
+    low = [f"{chosen} {row['ratio']:.3f}" for chosen, rows in found.items() for row in rows if not row.get("ok", True)]
     if low:
         raise RunError(f"bench: below their bounds: {', '.join(low)}; measure again on a quiet machine")
     return 0
 
 
-def rollout() -> Rows:
-    """Compare closed-loop rollouts with the engine alone at one and two threads, planar and free."""
+def rollout(effort: Effort) -> Tables:
+    """Compare closed-loop rollouts with the engine alone, planar and free, at one thread and two."""
     from controller import load_rig
     from sim_models.bench import INSTRUCTIONS, bench_rollout
 
     rig = load_rig(RIG)
     rows = []
-    for form in ("planar", "free"):
-        for threads in (1, 2):
-            ratio = bench_rollout(rig, threads=threads, form=form)
-            rows.append(
-                {
-                    "form": ratio.form,
-                    "threads": ratio.threads,
-                    "cpus": len(os.sched_getaffinity(0)),
-                    "instructions": INSTRUCTIONS,
-                    "ratio": round(ratio.ratio, 4),
-                    "to_mjb_rollout": round(ratio.ratio_to_batch, 4),
-                    "to_mujoco_rollout": round(ratio.ratio_to_module, 4),
-                    "repeats": ratio.repeats,
-                    "bound": ROLLOUT_RATIO_MIN,
-                    "ok": ratio.ratio >= ROLLOUT_RATIO_MIN,
-                }
-            )
-    return rows
+    for timer, form, threads in itertools.product((True, False), FORMS, (1, 2)):
+        bound = SHIPPED_RATIO_MIN if timer else ROLLOUT_RATIO_MIN
+        effort.told(f"{form}, {threads} threads, timers {_TIMERS[timer]}")
+        ratio = bench_rollout(rig, threads=threads, form=form, timer=timer)
+        rows.append(
+            {
+                "timers": _TIMERS[timer],
+                "form": ratio.form,
+                "threads": ratio.threads,
+                "cpus": len(os.sched_getaffinity(0)),
+                "instructions": INSTRUCTIONS,
+                "ratio": round(ratio.ratio, 4),
+                "to_mjb_rollout": round(ratio.ratio_to_batch, 4),
+                "to_mujoco_rollout": round(ratio.ratio_to_module, 4),
+                "repeats": ratio.repeats,
+                "bound": bound,
+                "ok": ratio.ratio >= bound,
+            }
+        )
+    return {"rollout": rows}
 
 
-BENCHES: Final[Mapping[str, Callable[[], Rows]]] = MappingProxyType({"rollout": rollout})
-"""Measurements by name; each gives rows with a `ratio`, its `bound` and whether that is kept, `ok`."""
+def evolve(effort: Effort) -> Tables:
+    """Compare the time to the same quality with that of DEAP programs, and find what each measure gives."""
+    from servolve.bench_evolve import make_contest, race, summary
+    from servolve.bench_measures import measure
+
+    contest = make_contest(effort.seeds, quick=effort.quick)
+    rows = race(contest, effort.told)
+    found = summary(contest, rows)
+    if effort.quick:
+        for row in found:
+            del row["bound"], row["ok"]
+    measures = measure(contest, effort.told, **(_QUICK if effort.quick else {}))
+    return {"evolve": found, "evolve_runs": rows, "evolve_measures": measures}
+
+
+BENCHES: Final[Mapping[str, Callable[[Effort], Tables]]] = MappingProxyType({"rollout": rollout, "evolve": evolve})
+"""Measurements by name. Each gives tables; a row may have a `ratio`, its `bound` and whether that is kept, `ok`."""
+
+
+def _tell(status: Status, name: str, what: str) -> None:
+    """Say what is being measured."""
+    status.update(f"measuring {name}: {what}")
 
 
 def _print(name: str, rows: Rows) -> None:

@@ -30,6 +30,7 @@ _COMMANDS = {
 _EXTRAS = {
     **dict.fromkeys(("mujoco", "PIL"), "sim"),
     **dict.fromkeys(("imageio", "jinja2", "matplotlib", "scipy"), "report"),
+    "deap": "dev",
 }
 
 

@@ -6,7 +6,7 @@ import ctypes
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Final
 
@@ -49,6 +49,7 @@ class RolloutRatio:
     Args:
         form: "free" or "planar"
         threads: threads that simulated, on both sides
+        timer: whether MuJoCo's Python bindings timed every step of the open loops, as they do unless told otherwise
         ratio: rate of the closed loop over that of the faster open loop
         ratio_to_batch: rate of the closed loop over that of ``mjb_rollout``
         ratio_to_module: rate of the closed loop over that of the Python module ``mujoco.rollout``
@@ -57,23 +58,27 @@ class RolloutRatio:
 
     form: Form
     threads: int
+    timer: bool
     ratio: float
     ratio_to_batch: float
     ratio_to_module: float
     repeats: int
 
 
-def bench_rollout(rig: Rig, *, threads: int, repeats: int = 21, form: Form = "planar") -> RolloutRatio:
+def bench_rollout(
+    rig: Rig, *, threads: int, repeats: int = 21, form: Form = "planar", timer: bool = False
+) -> RolloutRatio:
     """Compare closed-loop rollouts of programs of 150 instructions with an open loop of the same controls.
 
-    Both sides step the same model through the same states; that is checked. The timer callback of the Python bindings
-    is off on both.
+    Both sides step the same model through the same states; that is checked. Our rollouts always do without the timer
+    callback that the Python bindings install.
 
     Args:
         rig: the rig
         threads: threads that simulate
         repeats: runs of each side, by turns
         form: "free" or "planar"
+        timer: leave the open loops their timer, as a user gets them; False: off on both sides
 
     Returns:
         The ratios.
@@ -91,7 +96,10 @@ def bench_rollout(rig: Rig, *, threads: int, repeats: int = 21, form: Form = "pl
     ) as pool:
         run = pool.run(controllers, cases, nominal, record=True)
         assert run.goal_counts is not None  # asked for above
-        with timer_off(), _OpenLoop(rig, form, _goal_angles(rig, run.goal_counts), threads) as open_loop:
+        with (
+            nullcontext() if timer else timer_off(),
+            _OpenLoop(rig, form, _goal_angles(rig, run.goal_counts), threads) as open_loop,
+        ):
             open_loop.run_batch()
             away = open_loop.distances(cases.goal_dist)
             if not np.allclose(away, run.statistics["final_error"], rtol=0.0, atol=1e-5):
@@ -112,7 +120,7 @@ def bench_rollout(rig: Rig, *, threads: int, repeats: int = 21, form: Form = "pl
         for name in ("batch", "module")
     }
     faster = "batch" if medians["batch"] <= medians["module"] else "module"
-    return RolloutRatio(form, threads, ratios[faster], ratios["batch"], ratios["module"], repeats)
+    return RolloutRatio(form, threads, timer, ratios[faster], ratios["batch"], ratios["module"], repeats)
 
 
 def random_controller(rng: np.random.Generator, rig: Rig, instructions: int) -> Controller:

@@ -50,14 +50,15 @@ def test_sides_that_differ_are_refused(short, monkeypatch):
 @pytest.mark.parametrize(("bound", "status"), [(0.0, 0), (1e9, 1)])
 def test_bounds_decide_the_status(short, monkeypatch, capsys, bound, status):
     monkeypatch.setattr(servolve.bench, "ROLLOUT_RATIO_MIN", bound)
+    monkeypatch.setattr(servolve.bench, "SHIPPED_RATIO_MIN", bound)
     assert main(["bench", "rollout", "--json"]) == status
     told = capsys.readouterr()
     rows = json.loads(told.out.splitlines()[-1])["rollout"]
-    assert [(row["form"], row["threads"]) for row in rows] == [
-        ("planar", 1),
-        ("planar", 2),
-        ("free", 1),
-        ("free", 2),
+    assert [(row["timers"], row["form"], row["threads"]) for row in rows] == [
+        (timers, form, threads)
+        for timers in ("as shipped", "off on both sides")
+        for form in ("planar", "free")
+        for threads in (1, 2)
     ]
     assert all(row["ok"] is (status == 0) and row["ratio"] > 0 for row in rows)
     assert ("below their bounds" in told.err) is (status == 1)
