@@ -163,7 +163,8 @@ def _write_report(folder: Path) -> None:
 
         lacking = write_run_report(folder, folder / REPORT)
     except ModuleNotFoundError as error:
-        lacking = f"no report: {error.name} is not installed (pip install 'servolve[report]'); {remedy}"
+        package = (error.name or "a package").partition(".")[0]
+        lacking = f"no report: {package} is not installed (pip install 'servolve[report]'); {remedy}"
     except (InputError, RunError) as error:
         lacking = f"no report: {error}; {remedy}"
     if lacking:

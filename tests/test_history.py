@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import signal
 import sqlite3
 
 import pytest
@@ -62,6 +64,25 @@ def test_a_generation_is_recorded_whole_or_not_at_all(tmp_path):
     with History(path) as history, pytest.raises(sqlite3.IntegrityError):
         history.record(dataclasses.replace(GENERATION, generation=1), broken)
     assert ordered_dump(path) == before
+
+
+def test_a_write_that_was_killed_half_way_leaves_no_trace(tmp_path):
+    path = tmp_path / "a.sqlite"
+    before = written(path, [GENERATION])
+    child = os.fork()
+    if child == 0:
+        connection = sqlite3.connect(path, isolation_level=None)
+        # so little memory that the file itself is changed before the transaction is over
+        connection.execute("pragma cache_size = 1")
+        connection.execute("begin immediate")
+        connection.execute("update evaluation set main = 7")
+        rows = [(f"{number}", 1, "x" * 5000) for number in range(200)]
+        connection.executemany("insert into program values (?, ?, ?)", rows)
+        os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert (tmp_path / "a.sqlite-journal").stat().st_size > 0
+    assert ordered_dump(path) == before, "whoever opens it first, a reader too, undoes what was half written"
+    assert not (tmp_path / "a.sqlite-journal").exists()
 
 
 def test_numbers_survive_bit_by_bit(tmp_path):

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import sqlite3
+import sys
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
@@ -194,6 +195,17 @@ def test_a_run_leaves_its_report_unless_told_not_to(tmp_path, monkeypatch, capsy
     assert (tmp_path / "with" / "report.html").is_file()
     assert main([*arguments, "--out", str(tmp_path / "without"), "--no-report"]) == 0
     assert not (tmp_path / "without" / "report.html").exists()
+
+
+@pytest.mark.parametrize("missing", ["matplotlib", "jinja2"])
+def test_a_run_succeeds_without_what_reports_need(finished, tmp_path, monkeypatch, capsys, missing):
+    monkeypatch.setenv("MUJOCO_GL", "none")
+    monkeypatch.setitem(sys.modules, missing, None)
+    shutil.copytree(finished, tmp_path / "run")
+    assert main(["evolve", "--resume", str(tmp_path / "run"), "--quiet"]) == 0
+    told = capsys.readouterr().err.splitlines()[-1]
+    assert missing in told and "servolve[report]" in told and "--report" in told
+    assert not (tmp_path / "run" / "report.html").exists()
 
 
 def test_only_a_run_has_a_report(finished, tmp_path, capsys):
