@@ -181,7 +181,7 @@ _GEP_HEAD: Final = Study(
     margin=_JUMPER_MARGIN,
     scales={
         "full": Scale(("3", "10", "15", "50"), 10),
-        "reduced": Scale(("3", "10", "15", "50"), 5, ("generations=25",), "25 generations instead of 50"),
+        "reduced": Scale(("3", "10", "15", "50"), 8, ("generations=25",), "25 generations instead of 50"),
         "tiny": Scale(("3", "10"), 2, ("population=8", *_TINY_JUMPER), _TINY),
     },
 )
@@ -211,7 +211,7 @@ _GEP_POPULATION: Final = Study(
         "full": Scale(("10", "30", "50", "70", "100", "200", "300", "500", "1000", "2000"), 10),
         "reduced": Scale(
             ("10", "30", "50", "70", "100", "200"),
-            5,
+            8,
             ("generations=25",),
             "6 of the 10 populations; 25 generations instead of 50",
         ),
