@@ -31,6 +31,7 @@ RMSE_DEG_MAX: Final = 1.0
 HELD_OUT_SHARE: Final = 0.75
 """A controller is good enough to go on with if so many of its held-out runs end upright within `DISTANCE_M_MAX`."""
 
+_NUMBERS: Final = ("population=300", "generations=20")  # the demo wants a lamp that hops soon, not the best one
 _ATTEMPTS: Final = 3
 _EVOLVING_S_MAX: Final = 300.0
 """After this long no other seed is begun [s]."""
@@ -163,7 +164,7 @@ def _evolve(stages: _Stages, out: Path, seed: int, threads: int | None, override
     stages.head(f"Evolve {TASK} on {RIG}")
     started = time.monotonic()
     best: dict[str, Any] = {}
-    options = [word for setting in overrides for word in ("--set", setting)]
+    options = [word for setting in (*_NUMBERS, *overrides) for word in ("--set", setting)]
     if threads is not None:
         options += ["--threads", str(threads)]
     for attempt in range(_ATTEMPTS):
