@@ -163,19 +163,20 @@ def stated_hits(
     return evaluate(task, pool, *_entries(hall), unseen, Cache()).hits
 
 
-def who_hit_most(hall: Sequence[Candidate], hits: npt.NDArray[np.int64]) -> list[Candidate]:
-    """Return the candidates that hit about as often as the best of them.
+def who_hit_most(hall: Sequence[Candidate], hits: npt.NDArray[np.int64], share: float) -> list[Candidate]:
+    """Return the candidates that hit nearly as often as the best of them.
 
     The rig as its file states it is the best guess of the one on the bench: who fails there is out, however robust.
 
     Args:
         hall: the candidates
         hits: of each, (candidates,)
+        share: of the most hits, what is enough
 
     Returns:
         at least one of them, in order
     """
-    return [candidate for candidate, n in zip(hall, hits.tolist(), strict=True) if n >= (1 - _AS_GOOD) * hits.max()]
+    return [candidate for candidate, n in zip(hall, hits.tolist(), strict=True) if n >= share * hits.max()]
 
 
 def decide(

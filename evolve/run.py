@@ -195,7 +195,8 @@ def _finish(plan: Plan, halls: list[Candidate], simulations: int, earlier_s: flo
     with open_pool(plan, settings.decide_form, settings.verify_timestep_s) as pool:
         verified = stated_hits(task, pool, rig, settings, seed, hall)
     with open_pool(plan, settings.decide_form, settings.decide_timestep_s) as pool:
-        hall = who_hit_most(hall, verified + stated_hits(task, pool, rig, settings, seed, hall))
+        verified += stated_hits(task, pool, rig, settings, seed, hall)
+        hall = who_hit_most(hall, verified, settings.stated_share)
         best, validation, held_out = decide(task, pool, rig, settings, seed, hall)
         golden = golden_trace(pool, best.controller, held_out)
         conditions = condition_rows(pool, best.controller, held_out)

@@ -125,6 +125,7 @@ class Settings:
     # the best of the run
     hall_of_fame: int = _number(30, 1, 10_000, "candidates for the best of the run")
     stated_goals: int = _number(8, 1, 1000, "unseen goals that candidates must hit on the rig as its file states it")
+    stated_share: float = _number(0.9, 0, 1, "share of the most hits there that a candidate needs to stay one")
     decision_goals: int = _number(24, 1, 10_000, "unseen conditions that choose the best")
     held_out_goals: int = _number(24, 1, 10_000, "further unseen conditions that judge the chosen")
 

@@ -124,11 +124,19 @@ def test_the_first_conditions_are_the_rig_as_its_file_states_it():
 
 
 @pytest.mark.parametrize(
-    ("hits", "left"), [((0, 8, 7), "b"), ((16, 15, 3), "ab"), ((0, 0, 0), "abc"), ((1, 0, 1), "ac")]
+    ("hits", "share", "left"),
+    [
+        ((0, 8, 7), 0.9, "b"),
+        ((16, 15, 3), 0.9, "ab"),
+        ((16, 8, 7), 0.5, "ab"),
+        ((0, 0, 0), 0.9, "abc"),
+        ((1, 0, 1), 0.9, "ac"),
+        ((8, 0, 1), 0.0, "abc"),
+    ],
 )
-def test_who_fails_on_the_rig_as_stated_is_out(hits, left):
+def test_who_fails_on_the_rig_as_stated_is_out(hits, share, left):
     hall = [Candidate(0, 0, name, 1, None) for name in "abc"]
-    assert "".join(c.program for c in who_hit_most(hall, np.array(hits))) == left
+    assert "".join(c.program for c in who_hit_most(hall, np.array(hits), share)) == left
 
 
 @settings(derandomize=True, deadline=None)
