@@ -8,6 +8,8 @@ What the paper leaves open is read so:
   not stand at the goal: its distance counts as the initial one if it is less. Else falling towards the goal pays.
 - Idle time is the share of the time limit at which the base is slower than 0.02 m/s and has not arrived. The sum of
   angles is that of |angle| [rad], the bearing's the shorter way round; that of velocities is of |rate| [rad/s].
+- The paper breeds and judges in one simulation, in steps of 10 ms; so do we, in steps of 5 ms. What is bred for one
+  goal without any perturbation seldom lives in another step.
 - The best of a generation passes on unchanged ("store the best solution").
 
 Source: Kwaśnicka & Woźniak, EMOT, §5.1 and Table 2.
@@ -71,6 +73,8 @@ TASK = Task(
         slew_rad_s=0.0,
         screen_form="free",
         screen_timestep_s=0.005,
+        decide_timestep_s=0.005,
+        verify_timestep_s=0.005,
         friction=0.0,
         mass=0.0,
         torque=0.0,

@@ -179,13 +179,17 @@ def test_emots_fitness_is_what_its_pseudocode_says():
     assert style == pytest.approx([0.33 * 0.25 + 0.33 * 0.4 + 0.33 * 0.8])
 
 
-def test_a_buildable_jumpers_fitness_counts_falls_and_rewards_hops():
+def test_a_buildable_jumper_that_stands_still_scores_one_and_falls_and_hops_count():
     rollouts = statistics(
-        final_error=[0, 0.2, 0], end_speed=[0, 0, 0], arrive_step=[100, -1, 100], hops=[3, 0, 9], upright_end=[1, 1, 0]
+        final_error=[0, 0.3, 0.15],
+        end_speed=[0, 0, 0.5],
+        arrive_step=[100, -1, -1],
+        hops=[3, 0, 9],
+        upright_end=[1, 1, 0],
     )
     main, style = jumper.fitness(rollouts, np.full(3, 0.3))
-    assert main == pytest.approx([0, 0.2, 0.5])
-    assert style == pytest.approx([0.003, 0.13, 0.003])
+    assert main == pytest.approx([0, 1, 0.5 + 0.5 + 0.1])
+    assert style == pytest.approx([0.01, 0.3, 0.1])
 
 
 def test_its_defaults_are_emots_on_the_papers_body():
