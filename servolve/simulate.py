@@ -191,7 +191,7 @@ def _scene(controller: Path) -> Scene | None:
     from evolve.run_file import load_again, read_run_file
     from evolve.run_folder import RUN
 
-    if not (controller / RUN).is_file():
+    if not (controller.is_dir() and (controller / RUN).is_file()):
         return None
     found = read_run_file(controller)
     return load_again(controller, found)[0].scene_with(found.settings)
