@@ -55,7 +55,7 @@ def pole(spec: mujoco.MjSpec, settings: Settings) -> None:
 
 
 def fitness(rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the paper's main goal and style points, and a large penalty for a touch of the head.
+    """Return the paper's main goal and style points, which charge most for a touch of the head.
 
     Args:
         rollouts: finished rollouts
@@ -66,8 +66,10 @@ def fitness(rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatAr
 
     Source: Gritz & Hahn 1995, §5 (limbo).
     """
+    end = rollouts.statistics
     main, style = lamp_paper.fitness(rollouts, goal_m)
-    return main, style + np.where(rollouts.statistics["head_touched"] == 1, 0.5, 0.0)
+    away = np.where(end["arrive_step"] < 0, 0.15, 0.0)
+    return main, style + away + np.where(end["head_touched"] == 1, 0.5, 0.0)
 
 
 STOP = StopConditions(head_contact=False)
