@@ -21,6 +21,7 @@ from controller import Controller, load_rig
 from controller.errors import RunError
 from evolve import Settings, Task, load_task
 from evolve.conditions import Conditions, draw_conditions
+from evolve.decide import NEAR_M
 from evolve.evaluate import Cache, evaluate, simulate
 from evolve.run_plan import Plan, RunConfig, make_plan, open_pool
 from evolve.search import Generation, ask, controller_of, phase_of, tell
@@ -104,7 +105,7 @@ def make_contest(seeds: int, *, quick: bool) -> Contest:
         time_limit_s=5.0,
         screen_timestep_s=0.005,
     )
-    quality_m, limit_s = (0.2, 60.0) if quick else (0.1, 240.0)
+    quality_m, limit_s = (0.2, 60.0) if quick else (NEAR_M, 240.0)
     return Contest(task, settings, quality_m, 12, tuple(range(1, seeds + 1)), limit_s)
 
 
