@@ -81,8 +81,12 @@ TASK = Task(
     fitness=fitness,
     settings=dataclasses.replace(
         lamp_paper.SETTINGS,
-        population=300,
+        population=250,
         generations=25,
+        elites=1,
+        crossover=0.6,
+        mutate_subtree=0.1,
+        mutate_constant=0.25,
         goals=1,
         race_goals=0,
         goal_low_m=0.5,
