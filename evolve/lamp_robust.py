@@ -45,7 +45,7 @@ TASK = Task(
         time_limit_s=6.0,
         screen_timestep_s=0.005,
         hall_of_fame=45,
-        stated_share=0.7,
+        stated_share=0.75,
         decision_goals=48,
     ),
     on={lamp_paper.RIG: lamp_paper.ROBUST},
