@@ -17,15 +17,15 @@ POLE_RADIUS_SHARE = 0.012
 """Radius of the pole over the standing height."""
 
 _POLE_LENGTH_SHARE = 1.6
-_HEAD, _OTHERS = 8, 4  # collision bits: what only the head meets, and what the base and the arms meet
+_UPPER_BODY, _BASE = 8, 4  # collision bits: what head and arms meet, and what the base meets
 _NEVER_M = 10.0  # as deep a touch must be to push
 
 
 def pole(spec: mujoco.MjSpec, settings: Settings) -> None:
     """Put a pole across the way, between start and goal, its lower edge below the top of the standing lamp.
 
-    It lies loose on its stands: a touch of the head counts and does not hold the lamp up, so that hopping can be learnt
-    before stooping. Base and arms can not pass through it.
+    It lies loose on its stands: a touch of head or arms, which count as the head here, is seen and does not hold the
+    lamp up, so that hopping can be learnt before stooping. The base can not pass through it.
 
     Args:
         spec: the lamp, added to
@@ -35,7 +35,7 @@ def pole(spec: mujoco.MjSpec, settings: Settings) -> None:
     radius = POLE_RADIUS_SHARE * tall
     x, z = settings.pole_at * settings.goal_high_m, settings.pole_share * tall + radius
     half = _POLE_LENGTH_SHARE * tall / 2
-    for name, bit, gap in (("pole", _HEAD, _NEVER_M), ("pole_core", _OTHERS, 0.0)):
+    for name, bit, gap in (("pole", _UPPER_BODY, _NEVER_M), ("pole_core", _BASE, 0.0)):
         spec.worldbody.add_geom(
             name=name,
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -48,10 +48,11 @@ def pole(spec: mujoco.MjSpec, settings: Settings) -> None:
             rgba=[0.85, 0.55, 0.10, 1.0],
         )
     for geom in spec.geoms:
-        if geom.name.startswith("head"):
-            geom.conaffinity |= _HEAD
-        elif geom.name.startswith(("arm", "base")):
-            geom.conaffinity |= _OTHERS
+        if geom.name.startswith("base"):
+            geom.conaffinity |= _BASE
+        elif geom.name.startswith(("head", "arm")):
+            geom.conaffinity |= _UPPER_BODY
+            geom.name = geom.name if geom.name.startswith("head") else f"head_{geom.name}"
 
 
 def fitness(rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
