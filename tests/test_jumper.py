@@ -179,17 +179,19 @@ def test_emots_fitness_is_what_its_pseudocode_says():
     assert style == pytest.approx([0.33 * 0.25 + 0.33 * 0.4 + 0.33 * 0.8])
 
 
-def test_a_buildable_jumper_that_stands_still_scores_one_and_falls_and_hops_count():
+def test_a_buildable_jumpers_fitness_counts_falls_sliding_and_hops():
     rollouts = statistics(
-        final_error=[0, 0.3, 0.15],
-        end_speed=[0, 0, 0.5],
-        arrive_step=[100, -1, -1],
-        hops=[3, 0, 9],
-        upright_end=[1, 1, 0],
+        final_error=[0, 0.3, 0.15, 0],
+        end_speed=[0, 0, 0.5, 0],
+        ground_path=[0, 0, 0.1, 0.6],
+        max_clearance=[0.03, 0, 0.03, 0.005],
+        arrive_step=[100, -1, -1, 200],
+        hops=[3, 0, 9, 0],
+        upright_end=[1, 1, 0, 1],
     )
-    main, style = jumper.fitness(rollouts, np.full(3, 0.3))
-    assert main == pytest.approx([0, 1, 0.5 + 0.5 + 0.1])
-    assert style == pytest.approx([0.01, 0.3, 0.1])
+    main, style = jumper.fitness(rollouts, np.full(4, 0.3))
+    assert main == pytest.approx([0, 1.2, 0.5 + 0.5 + 0.1 + 0.1, 0.3 + 0.15])
+    assert style == pytest.approx([0.01, 0.3, 0.1, 0.22])
 
 
 def test_its_defaults_are_emots_on_the_papers_body():
