@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from evolve import lamp_paper, lamp_robust
+from evolve.evaluate import REST_M_S
 from evolve.settings import Settings
 from evolve.task import FloatArray, StopConditions, Task
 from sim_models.rollouts import Rollouts
@@ -69,7 +70,7 @@ def fitness(rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatAr
     """
     end = rollouts.statistics
     main, style = lamp_paper.fitness(rollouts, goal_m)
-    away = np.where(end["arrive_step"] < 0, 0.15, 0.0)
+    away = np.where((end["arrive_step"] < 0) | (end["end_speed"] > REST_M_S), 0.15, 0.0)
     return main, style + away + np.where(end["head_touched"] == 1, 0.5, 0.0)
 
 
