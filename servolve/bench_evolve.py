@@ -91,13 +91,22 @@ def make_contest(seeds: int, *, quick: bool) -> Contest:
         quick: fewer programs and less quality: it shows that all works, and little else
 
     Returns:
-        the robust lamp's task with the numbers pinned that decide how long it takes
+        the robust lamp's task; the numbers that decide how it breeds and how long it takes are pinned
     """
     task = load_task("lamp-robust")
     settings = dataclasses.replace(
         task.settings,
         population=60 if quick else 300,
         generations=25,
+        tournament=6,
+        elites=0,
+        crossover=0.9,
+        mutate_subtree=0.0,
+        mutate_point=0.0,
+        mutate_constant=0.0,
+        selection="tournament",
+        parsimony="none",
+        objectives="",
         goals=6,
         nominal_goals=0,
         race_goals=2,
