@@ -157,10 +157,22 @@ def stated_hits(
     Returns:
         hits, (candidates,)
     """
-    rng = generator(seed, Stream.STATED)
+    return evaluate(task, pool, *_entries(hall), stated_conditions(settings, seed, len(rig.joints)), Cache()).hits
+
+
+def stated_conditions(settings: Settings, seed: int, njoint: int) -> Conditions:
+    """Draw the unseen goals that are met on the rig as its file states it.
+
+    Args:
+        settings: the run's numbers
+        seed: of the run
+        njoint: joints of the rig
+
+    Returns:
+        the conditions
+    """
     n = settings.stated_goals
-    unseen = draw_conditions(rng, settings, n, len(rig.joints), nominal=n)
-    return evaluate(task, pool, *_entries(hall), unseen, Cache()).hits
+    return draw_conditions(generator(seed, Stream.STATED), settings, n, njoint, nominal=n)
 
 
 def who_hit_most(hall: Sequence[Candidate], hits: npt.NDArray[np.int64], share: float) -> list[Candidate]:

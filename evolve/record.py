@@ -6,6 +6,7 @@ import json
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from controller import Controller, load_controller
 from controller.errors import InputError
@@ -72,6 +73,23 @@ class GenerationSummary:
 
 
 @dataclass(frozen=True)
+class First:
+    """Hold the first individual of a run that could do something.
+
+    Args:
+        generation: in which it lived
+        individual: its number there
+        examined: individuals bred up to it, itself among them
+        count: how many of the run could
+    """
+
+    generation: int
+    individual: int
+    examined: int
+    count: int
+
+
+@dataclass(frozen=True)
 class Ancestor:
     """Hold one individual of a lineage.
 
@@ -115,6 +133,27 @@ def generation_summaries(connection: sqlite3.Connection) -> list[GenerationSumma
         connection: to a history, as `open_history` gives it
     """
     return [GenerationSummary(*row) for row in connection.execute(_GENERATIONS)]
+
+
+def first_everywhere(connection: sqlite3.Connection, what: Literal["hits", "passed"], conditions: int) -> First | None:
+    """Return the first individual that hit, or passed, in every condition of its generation, and how many did so.
+
+    Args:
+        connection: to a history
+        what: hits: at the end, at rest, upright; passed: within 1.5 cm at any time
+        conditions: of a generation
+
+    Returns:
+        the first of them in the order in which they were bred; None: nobody did
+    """
+    population = "(select count(*) from evaluation b where b.generation < a.generation)"
+    row = connection.execute(
+        f"select generation, individual, {population} + individual + 1,"
+        f" (select count(*) from evaluation where {what} = :n) from evaluation a where {what} = :n"
+        " order by generation, individual limit 1",
+        {"n": conditions},
+    ).fetchone()
+    return None if row is None else First(*row)
 
 
 def ancestor(connection: sqlite3.Connection, generation: int, individual: int) -> Ancestor:

@@ -26,7 +26,9 @@ from evolve.decide import (
     decide,
     hall_of_fame,
     pareto,
+    stated_conditions,
     stated_hits,
+    validate,
     who_hit_most,
 )
 from evolve.engine import Individual
@@ -96,6 +98,7 @@ class RunResult:
         controller: the best; of a search alone the best of its last generation
         candidate: where it came from
         validation: how it did under conditions that did not choose it; None: a search alone
+        stated: how it did at the unseen goals on the rig as its file states it; None: a search alone, or an older run
         simulations: rollouts of the search
         seconds: wall time [s]
     """
@@ -104,6 +107,7 @@ class RunResult:
     controller: Controller
     candidate: Candidate
     validation: Validation | None
+    stated: Validation | None
     simulations: int
     seconds: float
 
@@ -189,7 +193,7 @@ def _finish(plan: Plan, halls: list[Candidate], simulations: int, earlier_s: flo
     if not plan.decide:
         best = halls[-1]
         seconds = earlier_s + time.monotonic() - started
-        return RunResult(plan.folder, best.controller, best, None, simulations, seconds)
+        return RunResult(plan.folder, best.controller, best, None, None, simulations, seconds)
     task, rig, settings, seed = plan.task, plan.rig, plan.settings, plan.seed
     hall = hall_of_fame(halls, settings)
     with open_pool(plan, settings.decide_form, settings.verify_timestep_s) as pool:
@@ -198,6 +202,7 @@ def _finish(plan: Plan, halls: list[Candidate], simulations: int, earlier_s: flo
         verified += stated_hits(task, pool, rig, settings, seed, hall)
         hall = who_hit_most(hall, verified, settings.stated_share)
         best, validation, held_out = decide(task, pool, rig, settings, seed, hall)
+        stated = validate(task, pool, best.controller, stated_conditions(settings, seed, len(rig.joints)))
         golden = golden_trace(pool, best.controller, held_out)
         conditions = condition_rows(pool, best.controller, held_out)
         found = pareto(task, pool, rig, settings, seed, halls)
@@ -205,10 +210,11 @@ def _finish(plan: Plan, halls: list[Candidate], simulations: int, earlier_s: flo
         write_whole(plan.folder / PARETO, pareto_text(found).encode())
     controller = dataclasses.replace(best.controller, provenance=_provenance(plan, best, validation), golden=golden)
     origin = {"generation": best.generation, "individual": best.individual, "program": best.program}
-    text = validation_text(origin, validation, conditions)
+    text = validation_text(origin, validation, stated, conditions)
     write_whole(plan.folder / VALIDATION, text.encode())
     write_whole(plan.folder / BEST, controller_text(controller).encode())
-    return RunResult(plan.folder, controller, best, validation, simulations, earlier_s + time.monotonic() - started)
+    seconds = earlier_s + time.monotonic() - started
+    return RunResult(plan.folder, controller, best, validation, stated, simulations, seconds)
 
 
 def _result_of(folder: Path) -> RunResult:
@@ -218,6 +224,7 @@ def _result_of(folder: Path) -> RunResult:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         origin, validation = content["best"], Validation(**content["held_out"])
+        stated = Validation(**content["stated"]) if "stated" in content else None
         nodes = int(controller.provenance["nodes"])
         best = Candidate(origin["generation"], origin["individual"], origin["program"], nodes, controller)
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -225,7 +232,7 @@ def _result_of(folder: Path) -> RunResult:
     with open_history(folder / HISTORY) as history:
         query = "select total(simulations), total(seconds) from generation"
         simulations, seconds = history.execute(query).fetchone()
-    return RunResult(folder, controller, best, validation, int(simulations), seconds)
+    return RunResult(folder, controller, best, validation, stated, int(simulations), seconds)
 
 
 def golden_trace(pool: RolloutPool, controller: Controller, conditions: Conditions) -> dict[str, list[list[str]]]:

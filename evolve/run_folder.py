@@ -117,13 +117,16 @@ def run_text(
     return "\n".join(lines) + "\n"
 
 
-def validation_text(best: Mapping[str, Any], validation: Validation, conditions: Sequence[Mapping[str, Any]]) -> str:
+def validation_text(
+    best: Mapping[str, Any], validation: Validation, stated: Validation, conditions: Sequence[Mapping[str, Any]]
+) -> str:
     """Return the text of `validation.json`.
 
     Args:
         best: where the best came from
         validation: how it did under conditions that did not choose it
-        conditions: how it did under each of them, with the goal's distance as "goal_m" [m]
+        stated: how it did at the unseen goals on the rig as its file states it
+        conditions: how it did under each held-out condition, with the goal's distance as "goal_m" [m]
 
     Returns:
         the text
@@ -132,6 +135,7 @@ def validation_text(best: Mapping[str, Any], validation: Validation, conditions:
         "format": 1,
         "best": dict(best),
         "held_out": dataclasses.asdict(validation),
+        "stated": dataclasses.asdict(stated),
         "goal_m": [condition["goal_m"] for condition in conditions],
         "conditions": [dict(condition) for condition in conditions],
     }

@@ -245,7 +245,7 @@ def _settings(settings: evolution.Settings) -> Table:
 
 def _summary(result: evolution.RunResult) -> dict[str, Any]:
     """Return what `--json` prints."""
-    held_out = None if result.validation is None else dataclasses.asdict(result.validation)
+    held_out, stated = (None if one is None else dataclasses.asdict(one) for one in (result.validation, result.stated))
     return {
         "run": str(result.folder),
         "controller": str(result.folder / "best.controller.toml"),
@@ -253,6 +253,7 @@ def _summary(result: evolution.RunResult) -> dict[str, Any]:
         "program_hash": result.candidate.program,
         "nodes": result.candidate.nodes,
         "held_out": held_out,
+        "stated": stated,
         "simulations": result.simulations,
         "seconds": round(result.seconds, 3),
     }
@@ -264,6 +265,10 @@ def _table(result: evolution.RunResult) -> Table:
     table.add_row("found in", f"generation {result.candidate.generation}, {result.candidate.nodes} nodes")
     if result.validation is not None:
         _add_validation(table, result.validation)
+    if result.stated is not None:
+        s = result.stated
+        touched = f"; its head touches in {s.head_touched:.0%}" if s.head_touched else ""
+        table.add_row("as stated", f"{s.hits:.0%} of {s.conditions} unseen goals hit on the rig's own numbers{touched}")
     table.add_row("took", f"{result.simulations} rollouts in {result.seconds:.0f} s")
     return table
 

@@ -194,7 +194,7 @@ def _verdict(record: RunRecord) -> str:
 def _outcome_rows(validation: Mapping[str, Any] | None) -> Rows | None:
     if validation is None:
         return None
-    v = validation["held_out"]
+    v, stated = validation["held_out"], validation.get("stated")
     rows = (
         ("mean error at the end", f"{100 * v['mean_error_m']:.2f}{NARROW}cm"),
         ("median error", f"{100 * v['median_error_m']:.2f}{NARROW}cm"),
@@ -204,6 +204,7 @@ def _outcome_rows(validation: Mapping[str, Any] | None) -> Rows | None:
         ("falls", f"{v['falls']:.0%}"),
         ("hops, mean and fewest", f"{v['hops_mean']:.1f}, {v['hops_min']}"),
         ("mean of the largest clearances", f"{1000 * v['clearance_m']:.0f}{NARROW}mm"),
+        *((("hits on the rig as its file states it", f"{stated['hits']:.0%}"),) if stated else ()),
     )
     return Rows((), rows)
 

@@ -12,10 +12,12 @@ from controller.errors import InputError
 from evolve.history import open_history
 from evolve.record import (
     Ancestor,
+    First,
     GenerationSummary,
     ancestors_of_each_generation,
     best_controller,
     best_of,
+    first_everywhere,
     generation_summaries,
     lineage,
 )
@@ -44,11 +46,16 @@ def run_lines(folder: Path) -> Iterator[str]:
         return
     with open_history(folder / HISTORY) as connection:
         generations = generation_summaries(connection)
+        hit = first_everywhere(connection, "hits", found.settings.goals)
+        passed = first_everywhere(connection, "passed", found.settings.goals)
         line = lineage(connection, *best)
         counts = ancestors_of_each_generation(connection, *best)
     controller = best_controller(folder)
     yield ""
     yield from _table(*generation_table(generations))
+    yield ""
+    yield f"hit every condition (1.5 cm at the end, at rest, upright): {_first(hit)}"
+    yield f"passed within 1.5 cm in every condition, at any time:      {_first(passed)}"
     yield ""
     chosen = "best of the run" if is_finished(folder) else "best so far"
     yield f"{chosen}: generation {best[0]}, individual {best[1]}; it and its first parents:"
@@ -56,6 +63,16 @@ def run_lines(folder: Path) -> Iterator[str]:
     yield from _table(*lineage_table(line, counts), text_columns=2)
     yield ""
     yield format_source(controller.source)
+
+
+def _first(first: First | None) -> str:
+    """Say who was first, and how many followed."""
+    if first is None:
+        return "nobody"
+    return (
+        f"first the {first.examined}. individual examined (generation {first.generation}, individual"
+        f" {first.individual}), {first.count} in all"
+    )
 
 
 def run_state(folder: Path, found: RunFile) -> str:

@@ -131,6 +131,8 @@ def test_the_best_is_reported_as_it_is(finished):
     assert simulations == result.simulations == told[-1].simulations
     written = json.loads((folder / "validation.json").read_text())
     assert written["held_out"] == dataclasses.asdict(result.validation)
+    assert written["stated"] == dataclasses.asdict(result.stated)
+    assert result.stated.conditions == SMALL.stated_goals
     assert len(written["goal_m"]) == SMALL.held_out_goals
     assert tomllib.loads((folder / "run.toml").read_text())["settings"] == dataclasses.asdict(SMALL)
     assert [p.generation for p in told] == list(range(SMALL.generations))
@@ -141,6 +143,10 @@ def test_the_reported_figures_can_be_had_again(finished, method):
     held_out = draw_conditions(generator(5, Stream.HELD_OUT), SMALL, SMALL.held_out_goals, len(RIG.joints))
     with RolloutPool(RIG, form="free", timestep_s=0.002, time_limit_s=1.0, threads=2, stop=TASK.stop) as pool:
         assert validate(TASK, pool, load_controller(folder), held_out) == result.validation
+        stated = draw_conditions(
+            generator(5, Stream.STATED), SMALL, SMALL.stated_goals, len(RIG.joints), nominal=SMALL.stated_goals
+        )
+        assert validate(TASK, pool, load_controller(folder), stated) == result.stated
     decision = draw_conditions(generator(5, Stream.DECISION), SMALL, SMALL.decision_goals, len(RIG.joints))
     assert not set(held_out.keys) & set(decision.keys), "what chose the best does not judge it"
 

@@ -11,7 +11,8 @@ import sqlite3
 import pytest
 
 from controller.errors import InputError
-from evolve.history import EvaluationRow, GenerationRow, History, ordered_dump
+from evolve.history import EvaluationRow, GenerationRow, History, open_history, ordered_dump
+from evolve.record import First, first_everywhere
 
 GENERATION = GenerationRow(0, "draw", (0.1, 0.4), 0.5, 0.2, 0.3, 1, 8, 1.5)
 ROWS = [
@@ -55,6 +56,20 @@ def test_times_do_not_show_and_everything_else_does(tmp_path):
 def test_the_order_of_writing_does_not_show(tmp_path):
     later = dataclasses.replace(GENERATION, generation=1)
     assert written(tmp_path / "a.sqlite", [GENERATION, later]) == written(tmp_path / "b.sqlite", [later, GENERATION])
+
+
+def test_the_first_to_do_it_everywhere_is_counted_from_the_start(tmp_path):
+    # rows' hits and passed: (1, 2), (0, 0), (1, 2) of 2 conditions
+    path = tmp_path / "a.sqlite"
+    hit = [ROWS[0], dataclasses.replace(ROWS[2], hits=2), dataclasses.replace(ROWS[2], hits=2)]
+    later = [dataclasses.replace(GENERATION, generation=number) for number in (1, 2)]
+    with History(path) as history:
+        for generation, rows in zip((GENERATION, *later), (ROWS, hit, hit), strict=True):
+            history.record(generation, rows, [0])
+    with open_history(path) as connection:
+        assert first_everywhere(connection, "hits", 2) == First(1, 1, examined=5, count=4)
+        assert first_everywhere(connection, "passed", 2) == First(0, 0, examined=1, count=8)
+        assert first_everywhere(connection, "hits", 3) is None
 
 
 def test_a_generation_is_recorded_whole_or_not_at_all(tmp_path):

@@ -105,6 +105,7 @@ def test_a_finished_run_says_so_and_tells_its_result_again(uninterrupted, capsys
     validation = json.loads((folder / "validation.json").read_text())
     summary = json.loads(said.out)
     assert summary["held_out"] == validation["held_out"]
+    assert summary["stated"] == validation["stated"]
     assert summary["program_hash"] == validation["best"]["program"]
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
