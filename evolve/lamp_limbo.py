@@ -25,8 +25,9 @@ _NEVER_M = 10.0  # as deep a touch must be to push
 def pole(spec: mujoco.MjSpec, settings: Settings) -> None:
     """Put a pole across the way, between start and goal, its lower edge below the top of the standing lamp.
 
-    It lies loose on its stands: a touch of head or arms, which count as the head here, is seen and does not hold the
-    lamp up, so that hopping can be learnt before stooping. The base can not pass through it.
+    A touch of head or arms, which count as the head here, is seen and does not push: a solution never touches, so how
+    the pole would yield is of no matter, and a search that meets a bar it cannot pass learns to lean on it instead of
+    hopping first and stooping later. The base can not pass through it.
 
     Args:
         spec: the lamp, added to
@@ -57,7 +58,7 @@ def pole(spec: mujoco.MjSpec, settings: Settings) -> None:
 
 
 def fitness(rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the paper's main goal and style points, which charge most for a touch of the head.
+    """Return the paper's main goal and style points, which charge most for a touch of the head, then for no rest.
 
     Args:
         rollouts: finished rollouts
@@ -70,8 +71,9 @@ def fitness(rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatAr
     """
     end = rollouts.statistics
     main, style = lamp_paper.fitness(rollouts, goal_m)
-    away = np.where((end["arrive_step"] < 0) | (end["end_speed"] > REST_M_S), 0.15, 0.0)
-    return main, style + away + np.where(end["head_touched"] == 1, 0.5, 0.0)
+    away = np.where(end["arrive_step"] < 0, 0.15, 0.0)
+    moving = np.where(end["end_speed"] > REST_M_S, 0.1 + 0.2 * np.minimum(end["end_speed"], 0.5), 0.0)
+    return main, style + away + moving + np.where(end["head_touched"] == 1, 0.5, 0.0)
 
 
 STOP = StopConditions(head_contact=False)
@@ -84,24 +86,27 @@ TASK = Task(
     settings=dataclasses.replace(
         lamp_paper.SETTINGS,
         population=250,
-        generations=25,
+        generations=20,
         elites=1,
         crossover=0.6,
         mutate_subtree=0.1,
         mutate_constant=0.25,
         goals=1,
+        nominal_goals=1,
         race_goals=0,
         goal_low_m=0.5,
         goal_high_m=0.5,
         pole_at=0.6,
+        time_limit_s=3.0,
+        friction=0.05,
+        mass=0.02,
+        torque=0.05,
+        initial_rad=0.002,
         screen_form="free",
-        screen_timestep_s=0.004,
-        decide_timestep_s=0.004,
-        verify_timestep_s=0.004,
+        screen_timestep_s=0.002,
+        verify_timestep_s=0.002,
         hall_of_fame=15,
         stated_goals=1,
-        decision_goals=1,
-        held_out_goals=1,
     ),
     stop=STOP,
     scene=pole,
