@@ -117,10 +117,17 @@ TASK = Task(
             terminals=lamp_robust.TASK.terminals,
             fitness=fitness,
             settings=dataclasses.replace(
-                lamp_robust.TASK.settings, goals=4, race_goals=2, goal_low_m=0.35, goal_high_m=0.35
+                lamp_robust.TASK.settings, goals=4, race_goals=2, goal_low_m=0.35, goal_high_m=0.35, stated_goals=1
             ),
             stop=STOP,
             scene=pole,
         )
     },
 )
+"""On paper-lamp it is bred and chosen in one physics, on the rig as its file states it: "stated" of `validation.json`.
+
+A gait for one goal is exact to the substep, and carries over to no other step. The held-out rigs, which vary a little,
+tell how far such a gait can be trusted.
+
+Source: Gritz & Hahn 1995, §5 (limbo).
+"""

@@ -133,4 +133,7 @@ def test_the_limbo_runs(tmp_path, capsys, rig):
     ]
     assert main(command) == 0
     told = json.loads((out / "validation.json").read_text())
+    # the case itself, told beside the perturbed ones
+    assert told["stated"]["conditions"] == 1
+    assert told["stated"]["head_touched"] in (0.0, 1.0)
     assert 0.0 <= told["held_out"]["head_touched"] <= 1.0
