@@ -20,6 +20,8 @@ from controller.verifier import INPUT_MAX, OUTPUT_MAX, verify
 KIND: Final = "controller file"
 BEST: Final = "best.controller.toml"
 """The controller of a run folder."""
+RUN: Final = "run.toml"
+"""What makes a folder a run, finished or not; `evolve.run_folder` names both too."""
 
 _FLOAT_MAX: Final = 3.4028234663852886e38
 _LIMIT_MAX: Final = 1e6
@@ -45,8 +47,15 @@ def load_controller(path: str | Path) -> Controller:
     try:
         if path.is_dir():
             if not (path / BEST).exists():
+                if (path / RUN).exists():
+                    raise InputError(
+                        f"{path}: this run is unfinished and has not chosen its best; go on with it: servolve evolve"
+                        f" --resume {path}"
+                    )
                 raise InputError(f"{path}: is a folder without {BEST}; give a run folder or a *.controller.toml")
             path = path / BEST
+        elif not path.exists():
+            raise InputError(f"{path}: there is no such file; name a run folder or a *.controller.toml")
     except InputError:
         raise
     except (OSError, ValueError) as error:

@@ -18,6 +18,7 @@ from evolve.engine import Engine, Individual
 from evolve.evaluate import Cache, Outcome
 from evolve.history import EvaluationRow, GenerationRow, Outcomes, open_history
 from evolve.search import Generation, controller_of
+from evolve.settings import Settings
 
 _POPULATION = """
 select coalesce(genotype, text), operator, parents
@@ -28,6 +29,12 @@ _CANDIDATES = """
 select generation, individual, program, evaluation.nodes, coalesce(genotype, text)
 from candidate join evaluation using (generation, individual) join program on hash = program
 order by generation, place
+"""
+_COMPLETE = """
+select generation,
+  (select count(*) from evaluation e join program on hash = program where e.generation = g.generation),
+  (select count(*) from candidate c join evaluation e using (generation, individual) where c.generation = g.generation)
+from generation g order by generation
 """
 
 
@@ -56,19 +63,20 @@ NOTHING = Checkpoint(0, (), (), {}, 0, 0.0)
 """Where a run begins."""
 
 
-def read_checkpoint(path: Path, engine: Engine, template: Controller) -> Checkpoint:
+def read_checkpoint(path: Path, engine: Engine, template: Controller, settings: Settings) -> Checkpoint:
     """Return where a search stands.
 
     Args:
         path: the history; one that is missing stands at the beginning
         engine: the method
         template: the controller around the programs
+        settings: the run's numbers
 
     Returns:
         the checkpoint
 
     Raises:
-        InputError: the file is no history, or not one of this engine and these terminals
+        InputError: the file is no history, or not a whole one of this engine, these terminals and these settings
     """
     if not path.exists():
         return NOTHING
@@ -80,6 +88,7 @@ def read_checkpoint(path: Path, engine: Engine, template: Controller) -> Checkpo
         ).fetchone()
         if count == 0:
             return NOTHING
+        _check_whole(connection, path, settings)
         try:
             population = [
                 Individual(engine.read(text), operator, tuple(json.loads(parents)))
@@ -92,6 +101,28 @@ def read_checkpoint(path: Path, engine: Engine, template: Controller) -> Checkpo
                 f"{path}: does not fit the run's engine and task ({error}); restore the run's folder as it was"
             ) from error
     return Checkpoint(int(count), population, hall, outcomes, int(simulations), float(seconds))
+
+
+def _check_whole(connection: sqlite3.Connection, path: Path, settings: Settings) -> None:
+    """Refuse a history that lacks some of what its run wrote: what would be resumed were another run."""
+    remedy = "put back the run's own history, or start a new run"
+    try:
+        rows = list(connection.execute(_COMPLETE))
+        (told,) = connection.execute("pragma quick_check(1)").fetchone()
+    except sqlite3.DatabaseError as error:
+        raise InputError(f"{path}: damaged ({error}); {remedy}") from None
+    if told != "ok":
+        raise InputError(f"{path}: damaged ({' '.join(told.split())}); {remedy}")
+    if [row[0] for row in rows] != list(range(len(rows))) or len(rows) > settings.generations:
+        raise InputError(
+            f"{path}: its generations are not 0, 1, 2… of the run's {settings.generations} without a gap; {remedy}"
+        )
+    for generation, individuals, candidates in rows:
+        if individuals != settings.population or candidates == 0:
+            raise InputError(
+                f"{path}: generation {generation} holds {individuals} of {settings.population} individuals and"
+                f" {candidates} candidates for the best; {remedy}"
+            )
 
 
 def _candidate(

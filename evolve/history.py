@@ -261,10 +261,27 @@ class History:
         """Say what a failed write means to the user."""
         if isinstance(error, sqlite3.OperationalError):
             return RunError(
-                f"{self._path}: cannot be written ({error}); the generations before are safe: make room there, then go"
+                f"{self._path}: cannot be written ({error}); the generations before are safe: {_remedy(error)}, then go"
                 f" on with servolve evolve --resume {self._path.parent}"
             )
-        return InputError(f"{self._path}: not a history of a run ({error}); give a run folder")
+        return InputError(f"{self._path}: {_damaged(error)}")
+
+
+def _remedy(error: sqlite3.OperationalError) -> str:
+    """Say what lets a history be written again."""
+    primary = error.sqlite_errorcode & 0xFF
+    if primary in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM):
+        return "make the folder and its files writable"
+    if primary in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+        return "close what else has it open"
+    if primary == sqlite3.SQLITE_CANTOPEN:
+        return "see that the folder is writable and has room"
+    return "make room there"
+
+
+def _damaged(error: sqlite3.DatabaseError) -> str:
+    """Say that a file is no whole database."""
+    return f"no history of a run, or a damaged one ({error}); put back a copy of the run's own, or start a new run"
 
 
 def _own(connection: sqlite3.Connection, row: EvaluationRow) -> str | None:
@@ -342,7 +359,7 @@ def open_history(path: Path, *, empty: bool = False) -> Iterator[sqlite3.Connect
     except sqlite3.OperationalError as error:
         raise InputError(f"{path}: cannot be read ({error}); see who else has it open, and its permissions") from None
     except sqlite3.DatabaseError as error:
-        raise InputError(f"{path}: not a history of a run ({error}); give the history.sqlite of a run folder") from None
+        raise InputError(f"{path}: {_damaged(error)}") from None
     finally:
         connection.close()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from controller import Controller, load_controller, load_rig, program_hash
+from controller import Controller, Rig, load_controller, load_rig, program_hash
 from controller.controller_file import controller_text
 from controller.errors import InputError
 from controller.native import run_cycle
@@ -45,6 +45,7 @@ from evolve.run_folder import (
     locked,
     make_folder,
     pareto_text,
+    read_validation,
     validation_text,
     write_whole,
 )
@@ -52,7 +53,7 @@ from evolve.run_plan import Plan, RunConfig, make_plan, open_pool, open_screen
 from evolve.search import Generation, ask, tell
 from evolve.settings import Settings
 from evolve.streams import Stream, generator
-from evolve.task import Task
+from evolve.task import Task, place_of
 from sim_models.rollouts import RolloutPool, make_cases
 
 __all__ = ["Progress", "RunConfig", "RunResult", "evolve", "golden_trace", "is_finished", "resume"]
@@ -100,7 +101,8 @@ class RunResult:
         validation: how it did under conditions that did not choose it; None: a search alone
         stated: how it did at the unseen goals on the rig as its file states it; None: a search alone, or an older run
         simulations: rollouts of the search
-        seconds: wall time [s]
+        search_s: wall time of the generations [s]
+        seconds: wall time in all; of a run that was finished before, of its generations [s]
     """
 
     folder: Path
@@ -109,6 +111,7 @@ class RunResult:
     validation: Validation | None
     stated: Validation | None
     simulations: int
+    search_s: float
     seconds: float
 
 
@@ -126,7 +129,7 @@ def evolve(config: RunConfig, progress: Callable[[Progress], None]) -> RunResult
         InputError: task, rig, settings or folder are wrong
     """
     started = time.monotonic()
-    plan = make_plan(config, load_rig(config.rig or config.task.rig))
+    plan = make_plan(config, load_rig(config.rig) if config.rig else _own_rig(config.task))
     with open_screen(plan) as pool:
         _rehearse(plan, pool)
         make_folder(config.out)
@@ -188,12 +191,14 @@ def is_finished(folder: Path) -> bool:
     return (folder / RUN).is_file() and (folder / BEST).is_file()
 
 
-def _finish(plan: Plan, halls: list[Candidate], simulations: int, earlier_s: float, started: float) -> RunResult:
+def _finish(
+    plan: Plan, halls: list[Candidate], simulations: int, search_s: float, earlier_s: float, started: float
+) -> RunResult:
     """Choose and judge the best, and leave its files, the controller last."""
     if not plan.decide:
         best = halls[-1]
         seconds = earlier_s + time.monotonic() - started
-        return RunResult(plan.folder, best.controller, best, None, None, simulations, seconds)
+        return RunResult(plan.folder, best.controller, best, None, None, simulations, search_s, seconds)
     task, rig, settings, seed = plan.task, plan.rig, plan.settings, plan.seed
     hall = hall_of_fame(halls, settings)
     with open_pool(plan, settings.decide_form, settings.verify_timestep_s) as pool:
@@ -214,25 +219,25 @@ def _finish(plan: Plan, halls: list[Candidate], simulations: int, earlier_s: flo
     write_whole(plan.folder / VALIDATION, text.encode())
     write_whole(plan.folder / BEST, controller_text(controller).encode())
     seconds = earlier_s + time.monotonic() - started
-    return RunResult(plan.folder, controller, best, validation, stated, simulations, seconds)
+    return RunResult(plan.folder, controller, best, validation, stated, simulations, search_s, seconds)
 
 
 def _result_of(folder: Path) -> RunResult:
     """Return what a finished run came to."""
     controller = load_controller(folder)
     path = folder / VALIDATION
+    content = read_validation(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
         origin, validation = content["best"], Validation(**content["held_out"])
         stated = Validation(**content["stated"]) if "stated" in content else None
         nodes = int(controller.provenance["nodes"])
         best = Candidate(origin["generation"], origin["individual"], origin["program"], nodes, controller)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: not as the run wrote it ({error}); put back the file that it wrote") from None
     with open_history(folder / HISTORY) as history:
         query = "select total(simulations), total(seconds) from generation"
         simulations, seconds = history.execute(query).fetchone()
-    return RunResult(folder, controller, best, validation, stated, int(simulations), seconds)
+    return RunResult(folder, controller, best, validation, stated, int(simulations), seconds, seconds)
 
 
 def golden_trace(pool: RolloutPool, controller: Controller, conditions: Conditions) -> dict[str, list[list[str]]]:
@@ -255,22 +260,40 @@ def golden_trace(pool: RolloutPool, controller: Controller, conditions: Conditio
     return {"inputs": _bits(terminals), "outputs": _bits(outputs)}
 
 
+def _own_rig(task: Task) -> Rig:
+    """Load the rig that a task names; if there is none, say where the task names it."""
+    try:
+        return load_rig(task.rig)
+    except InputError as error:
+        place = place_of(task, task.rig)
+        if place == task.name:
+            raise
+        raise InputError(f"{place}: {error}") from None
+
+
 def _rehearse(plan: Plan, pool: RolloutPool) -> None:
     """Let a controller that holds still meet the first conditions: a task's mistakes show before a folder is made."""
     template, settings = plan.template, plan.settings
     rng = generator(plan.seed, Stream.CONDITIONS)
     conditions = draw_conditions(rng, settings, settings.goals, len(template.outputs))
-    evaluate(plan.task, pool, [template], [program_hash(template.program)], conditions, Cache())
+    cache = Cache()
+    evaluate(plan.task, pool, [template], [program_hash(template.program)], conditions, cache)
+    if not any(math.isfinite(outcome.main) for outcome in cache.outcomes.values()):
+        raise InputError(
+            f"{place_of(plan.task)}: a controller that holds still has no finite fitness in any of the first"
+            f" {len(conditions)} conditions, so that none would stand out; let fitness return finite numbers, large"
+            " ones for what is bad"
+        )
 
 
 def _search(
     plan: Plan, pool: RolloutPool, progress: Callable[[Progress], None], started: float
-) -> tuple[list[Candidate], int, float]:
-    """Run the generations that are missing; return the best of each, all simulations, and earlier wall time [s]."""
+) -> tuple[list[Candidate], int, float, float]:
+    """Run the generations that are missing; return each one's best, simulations, their and earlier time [s]."""
     path = plan.folder / HISTORY
-    checkpoint = read_checkpoint(path, plan.engine, plan.template)
+    checkpoint = read_checkpoint(path, plan.engine, plan.template, plan.settings)
     cache = Cache(dict(checkpoint.outcomes))
-    hall = list(checkpoint.hall)
+    hall, search_s = list(checkpoint.hall), checkpoint.seconds
     settings = plan.settings
     with History(path) as history:
         generation = _last_generation(plan, pool, cache, checkpoint)
@@ -288,8 +311,9 @@ def _search(
                 outcome_rows(cache, settings.cache),
             )
             hall += chosen
+            search_s += row.seconds
             progress(_progress(generation, row, settings, cache, checkpoint.seconds + time.monotonic() - started))
-    return hall, cache.simulations, checkpoint.seconds
+    return hall, cache.simulations, search_s, checkpoint.seconds
 
 
 def _last_generation(plan: Plan, pool: RolloutPool, cache: Cache, checkpoint: Checkpoint) -> Generation | None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from xml.etree import ElementTree
 
 import mujoco
@@ -46,6 +47,7 @@ class RunFile:
         hashes: sha256 of what must not change while a run stands still, by name
         settings: the run's numbers
         versions: of what computes
+        digest: sha256 of all that it says of the run and its settings
     """
 
     task: str
@@ -59,6 +61,7 @@ class RunFile:
     hashes: Mapping[str, str]
     settings: Settings
     versions: Mapping[str, str]
+    digest: str
 
 
 def versions() -> dict[str, str]:
@@ -97,21 +100,20 @@ def begin_run_file(
     """
     if task_text is not None:
         write_whole(folder / TASK_FILE, task_text)
-    content = RunFile(
-        task=task.name,
-        task_file="" if task_text is None else TASK_FILE,
-        rig=rig.name,
-        rig_file=_keep_rig(folder, rig),
-        engine=engine,
-        seed=seed,
-        rng=RNG_NAME,
-        decide=decide,
-        hashes=_hashes(task_text, rig),
-        settings=settings,
-        versions=versions(),
-    )
-    head = {name: getattr(content, name) for name in _HEAD}
-    write_whole(folder / RUN, run_text(head, content.settings, content.versions, content.hashes).encode())
+    head: dict[str, Any] = {
+        "task": task.name,
+        "task_file": "" if task_text is None else TASK_FILE,
+        "rig": rig.name,
+        "rig_file": _keep_rig(folder, rig),
+        "engine": engine,
+        "seed": seed,
+        "rng": RNG_NAME,
+        "decide": decide,
+    }
+    digest = _digest(tomllib.loads(run_text(head, settings, {}, {})))
+    hashes = _hashes(task_text, rig, digest)
+    content = RunFile(**head, hashes=hashes, settings=settings, versions=versions(), digest=digest)
+    write_whole(folder / RUN, run_text(head, settings, content.versions, hashes).encode())
     return content
 
 
@@ -128,23 +130,33 @@ def read_run_file(folder: Path) -> RunFile:
         InputError: there is no run in the folder, or something in the file is wrong
     """
     path = folder / RUN
-    if not path.is_file():
+    try:
+        there = path.is_file()
+    except OSError:
+        there = False  # no name that a file can have
+    if not there:
         raise InputError(f"{folder}: holds no run, as there is no {RUN}; name the folder of a run that has begun")
     try:
         top = tomllib.loads(path.read_text(encoding="utf-8"))
-        if top["format"] != 1:
-            raise ValueError(f"format is {top['format']!r}, not 1")
+        if top.get("format") != 1:
+            raise ValueError(f"format is {top['format']!r}, not 1" if "format" in top else "there is no format in it")
         head, settings = top["run"], Settings(**top["settings"])
         for name in _HEAD:
             if type(head[name]) is not _KINDS.get(name, str):
                 raise ValueError(f"{name} is {head[name]!r}")
         values = {name: head[name] for name in _HEAD}
-        found = RunFile(**values, hashes=dict(top["hashes"]), settings=settings, versions=dict(top["versions"]))
+        found = RunFile(
+            **values,
+            hashes=dict(top["hashes"]),
+            settings=settings,
+            versions=dict(top["versions"]),
+            digest=_digest(top),
+        )
     except (OSError, KeyError, ValueError, TypeError) as error:
-        told = " ".join(str(error).split())
+        told = f"there is no {error.args[0]} in it" if isinstance(error, KeyError) else " ".join(str(error).split())
         raise InputError(
-            f"{path}: not as this servolve writes it ({type(error).__name__}: {told}); put back the file that the run"
-            " began with, or start a new run"
+            f"{path}: not as this servolve writes it ({told}); put back the file that the run began with, or start a"
+            " new run"
         ) from None
     check(settings, str(path))
     return found
@@ -189,13 +201,14 @@ def load_again(folder: Path, found: RunFile, task: Task | None = None) -> tuple[
     if found.rig_file and not rig_path.is_file():
         raise InputError(f"{rig_path}: the run's rig file is missing; put it back there")
     rig = load_rig(rig_path) if found.rig_file else load_rig(found.rig)
-    now = _hashes(text, rig)
+    now = _hashes(text, rig, found.digest)
     places = {"task": folder / found.task_file, "rig": rig.path, "body": rig.body}
     for name, digest in found.hashes.items():
         if now.get(name) != digest:
+            what = f"the {name}" if name in places else "its seed or another of its entries"
             raise InputError(
-                f"{places[name]}: the {name} has changed since the run began; put back the one that it began with,"
-                " or start a new run"
+                f"{places.get(name, folder / RUN)}: {what} has changed since the run began; put back the file that it"
+                " began with, or start a new run"
             )
     if task is None:
         task = load_task(str(folder / found.task_file) if found.task_file else found.task)
@@ -223,12 +236,17 @@ def _names_files(body: Path) -> bool:
         return True
 
 
-def _hashes(task_text: bytes | None, rig: Rig) -> dict[str, str]:
-    """Return the sha256 of each file that a run is made of."""
+def _hashes(task_text: bytes | None, rig: Rig, digest: str) -> dict[str, str]:
+    """Return the sha256 of each file that a run is made of, and that of what `run.toml` says."""
     parts = {"rig": rig.text.encode(), "body": rig.body.read_bytes()}
     if task_text is not None:
         parts["task"] = task_text
-    return {name: hashlib.sha256(content).hexdigest() for name, content in parts.items()}
+    return {name: hashlib.sha256(content).hexdigest() for name, content in parts.items()} | {"run": digest}
+
+
+def _digest(top: Mapping[str, Any]) -> str:
+    """Return the sha256 of a run's head and settings, as they stand in its file and not as they are completed."""
+    return hashlib.sha256(json.dumps([top["run"], top["settings"]], sort_keys=True).encode()).hexdigest()
 
 
 def _text_of(path: Path) -> bytes:

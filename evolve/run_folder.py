@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import fcntl
 import json
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -134,12 +136,54 @@ def validation_text(
     content = {
         "format": 1,
         "best": dict(best),
-        "held_out": dataclasses.asdict(validation),
-        "stated": dataclasses.asdict(stated),
+        "held_out": finite(dataclasses.asdict(validation)),
+        "stated": finite(dataclasses.asdict(stated)),
         "goal_m": [condition["goal_m"] for condition in conditions],
-        "conditions": [dict(condition) for condition in conditions],
+        "conditions": [finite(condition) for condition in conditions],
     }
-    return json.dumps(content, indent=2) + "\n"
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def finite(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return numbers by name with None for those that are infinite, which JSON does not have.
+
+    Args:
+        numbers: numbers by name
+    """
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in numbers.items()
+    }
+
+
+def read_validation(path: Path) -> dict[str, Any]:
+    """Return the content of a `validation.json`, infinite where it says null.
+
+    Args:
+        path: the file
+
+    Returns:
+        its content
+
+    Raises:
+        InputError: it is missing, or not as the run wrote it
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if not {"best", "held_out"} <= content.keys():
+            raise ValueError("best or held_out is not in it")
+    except (OSError, ValueError, AttributeError) as error:
+        raise InputError(f"{path}: not as the run wrote it ({error}); put back the file that it wrote") from None
+    return {name: _infinite(value) for name, value in content.items()}
+
+
+def _infinite(value: Any) -> Any:  # noqa: ANN401  whatever JSON holds
+    """Return what JSON holds with infinity for null."""
+    if isinstance(value, Mapping):
+        return {name: _infinite(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_infinite(one) for one in value]
+    return math.inf if value is None else value
 
 
 def pareto_text(front: Sequence[Mapping[str, Any]]) -> str:
@@ -178,8 +222,10 @@ def write_whole(path: Path, content: bytes) -> None:
             os.close(folder)
     except OSError as error:
         part.unlink(missing_ok=True)
+        forbidden = error.errno in (errno.EACCES, errno.EPERM, errno.EROFS)
+        remedy = "make the folder and its files writable" if forbidden else "make room there"
         raise RunError(
-            f"{path}: cannot be written ({error.strerror}); make room there, then go on with servolve evolve --resume"
+            f"{path}: cannot be written ({error.strerror}); {remedy}, then go on with servolve evolve --resume"
             f" {path.parent}"
         ) from None
 

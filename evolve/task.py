@@ -19,7 +19,7 @@ import importlib.util
 import re
 import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import ModuleType
 from typing import TypeAlias
@@ -32,7 +32,7 @@ from controller.errors import InputError
 from evolve.settings import Settings, check
 from sim_models.rollouts import Rollouts, StopConditions
 
-__all__ = ["BUILT_IN", "FloatArray", "Settings", "StopConditions", "Task", "load_task", "score"]
+__all__ = ["BUILT_IN", "FloatArray", "Settings", "StopConditions", "Task", "load_task", "place_of", "score"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 Fitness: TypeAlias = Callable[[Rollouts, FloatArray], tuple[FloatArray, FloatArray]]
@@ -47,6 +47,7 @@ BUILT_IN = {
 """Module of each task that has a name."""
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,63}\Z")
+_UNKNOWN = re.compile(r"(Settings|StopConditions|Task)\.__init__\(\) got an unexpected keyword argument '(\w+)'")
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,9 @@ def score(task: Task, rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArra
         remedy = "give Task(…) traces=True if you read rollouts.traces" if traces_missing else "correct the task file"
         raise InputError(_sentence(origin, error, remedy)) from error
     one_array = isinstance(given, np.ndarray) and given.ndim != 2  # of two rollouts it would look like a pair
-    if one_array or len(parts) != 2 or any(part.shape not in ((), goal_m.shape) for part in parts):
+    # one number for all is enough of a style, but no search is to be had of it
+    shapes = ((goal_m.shape,), ((), goal_m.shape))
+    if one_array or len(parts) != 2 or any(part.shape not in may for part, may in zip(parts, shapes, strict=True)):
         raise InputError(
             f"{origin}: fitness gave shapes {[part.shape for part in parts]}; return (main, style), one number each"
             f" for each of the {len(goal_m)} rollouts"
@@ -163,6 +166,24 @@ def score(task: Task, rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArra
     main, style = (np.broadcast_to(part, goal_m.shape) for part in parts)
     lost = (rollouts.statistics["status"] != 0) | ~np.isfinite(main) | ~np.isfinite(style)
     return np.where(lost, np.inf, main), np.where(lost, 0.0, style)
+
+
+def place_of(task: Task, word: str = "") -> str:
+    """Return where a task's file says something, for a message; the task's name where there is no such file or line.
+
+    Args:
+        task: the task
+        word: a text that stands in quotes there; empty: the fitness
+    """
+    path = _file_of(task.fitness, task.name)
+    code = getattr(task.fitness, "__code__", None)
+    if code is None or path.resolve().parent == Path(__file__).resolve().parent or not path.is_file():
+        return task.name
+    if not word:
+        return f"{path}:{code.co_firstlineno}"
+    quoted = re.compile(rf"([\"']){re.escape(word)}\1")
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    return next((f"{path}:{number}" for number, line in enumerate(lines, 1) if quoted.search(line)), task.name)
 
 
 def _run_file(path: Path) -> ModuleType:
@@ -201,7 +222,18 @@ def _sentence(path: Path, error: BaseException, remedy: str = "correct the task 
         line = frames[-1].lineno if frames else None
     place = f"{path}:{line}" if line else f"{path}"
     told = error.msg if isinstance(error, SyntaxError) else str(error)
+    unknown = _UNKNOWN.match(told)
+    if unknown:
+        return f"{place}: {_no_such_field(*unknown.groups())}"
     return f"{place}: {type(error).__name__}: {' '.join(told.split()) or 'no message'}; {remedy}"
+
+
+def _no_such_field(name: str, given: str) -> str:
+    """Say that a class of a task file has no such field, and which was meant."""
+    known = [one.name for one in fields({"Settings": Settings, "StopConditions": StopConditions, "Task": Task}[name])]
+    close = difflib.get_close_matches(given, known, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
+    return f"{name} has no {given!r}; {hint}"
 
 
 def _checked(module: ModuleType, origin: str) -> Task:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 
 import numpy as np
@@ -13,7 +14,7 @@ from controller.rig import Joint
 from controller.source import Constant, Source
 from controller.terminals import TerminalSpec, resolve_terminals, terminals_of
 from evolve.settings import Settings
-from evolve.task import Task
+from evolve.task import Task, place_of
 
 _MARGIN_M = 0.5  # how far beyond the goals the base is expected
 _SPEED_M_S = 5.0  # of a base
@@ -38,9 +39,11 @@ def controller_template(task: Task, rig: Rig, settings: Settings) -> Controller:
     supplied = terminals_of(rig)
     for name in task.terminals:
         if name not in supplied:
+            close = difflib.get_close_matches(name, supplied, n=1)
+            hint = f"did you mean {close[0]}? There are" if close else "use these only:"
             raise InputError(
-                f"{task.name}: terminal {name!r} cannot be had on rig {rig.name}, whose terminals are"
-                f" {', '.join(supplied)}; use these only"
+                f"{place_of(task, name)}: terminal {name!r} cannot be had on rig {rig.name}; {hint}"
+                f" {', '.join(supplied)}"
             )
     outputs = tuple(_output(joint) for joint in rig.joints)
     source = Source(tuple(Constant(np.float32(output.neutral)) for output in outputs))

@@ -22,7 +22,8 @@ import evolve as evolution
 from controller.errors import InputError, RunError
 from evolve.decide import Validation
 from evolve.run import is_finished
-from evolve.run_folder import free_folder
+from evolve.run_file import read_run_file
+from evolve.run_folder import finite, free_folder
 from evolve.settings import describe
 from evolve.task import BUILT_IN
 
@@ -73,8 +74,8 @@ def evolve(
         any_version: resume a run that another version of servolve, MuJoCo or numpy began
         help_settings: list what --set takes, with the task's values, and do nothing
         report: write the run's report.html when it is done
-        quiet: no progress
-        json_: print one JSON object
+        quiet: no progress; what the run came to is printed all the same
+        json_: print one JSON object instead of a table
 
     Returns:
         exit status
@@ -102,11 +103,7 @@ def evolve(
     else:
         if any_version:
             raise InputError("--any-version goes with --resume alone; leave it out")
-        overrides = [
-            *(set_ or []),
-            *([] if population is None else [f"population={population}"]),
-            *([] if generations is None else [f"generations={generations}"]),
-        ]
+        overrides = _overrides(set_ or [], {"population": population, "generations": generations})
         config = _config(task, rig, engine, out, 1 if seed is None else seed, threads, overrides)
         with _reporter(quiet, config.out) as progress:
             result = evolution.evolve(config, progress)
@@ -114,9 +111,16 @@ def evolve(
         _write_report(result.folder)
     if json_:
         print(json.dumps(_summary(result)))
-    elif not quiet:
+    else:
         Console(file=sys.stdout).print(_table(result))
     return 0
+
+
+def _overrides(set_: list[str], options: dict[str, int | None]) -> list[str]:
+    """Return the settings that were given in either way, each in one of them."""
+    for name in {override.partition("=")[0] for override in set_} & {n for n, v in options.items() if v is not None}:
+        raise InputError(f"--{name} and --set {name} say the same thing twice; leave one of them out")
+    return [*set_, *(f"{name}={value}" for name, value in options.items() if value is not None)]
 
 
 def _config(
@@ -149,6 +153,7 @@ def _refuse_with_resume(given: list[str]) -> None:
 
 def _resumed(folder: Path, threads: int | None, any_version: bool, quiet: bool) -> evolution.RunResult:
     """Go on with a run, or say that there is nothing left to do."""
+    read_run_file(folder)
     if is_finished(folder):
         print(f"{folder}: this run is finished; nothing is left to do", file=sys.stderr)
     with _reporter(quiet, folder) as progress:
@@ -194,9 +199,9 @@ def _display(quiet: bool) -> Iterator[Callable[[evolution.Progress], None]]:
         yield lambda progress: None
     elif console.is_terminal:
         bar = ProgressBar(
-            TextColumn("generation"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+            TextColumn("generations"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
         )
-        work = bar.add_task("generation", total=None)
+        work = bar.add_task("generations", total=None)
         with Live(bar, console=console, refresh_per_second=4) as live:
 
             def show(progress: evolution.Progress) -> None:
@@ -229,9 +234,9 @@ def _line(progress: evolution.Progress) -> str:
     """Say how a generation did."""
     rate = progress.simulations / max(progress.seconds, 1e-9)
     return (
-        f"generation {progress.generation + 1}/{progress.generations}: best {progress.best:.4f}"
-        f" (main {progress.main:.4f}), mean {progress.mean:.3f}, hits {progress.hits}/{progress.conditions},"
-        f" {progress.nodes} nodes, {rate:.0f} rollouts/s"
+        f"generation {progress.generation} ({progress.generation + 1} of {progress.generations}):"
+        f" best {progress.best:.4f} (main {progress.main:.4f}), mean {progress.mean:.3f},"
+        f" hits {progress.hits}/{progress.conditions}, {progress.nodes} nodes, {rate:.0f} rollouts/s"
     )
 
 
@@ -245,7 +250,9 @@ def _settings(settings: evolution.Settings) -> Table:
 
 def _summary(result: evolution.RunResult) -> dict[str, Any]:
     """Return what `--json` prints."""
-    held_out, stated = (None if one is None else dataclasses.asdict(one) for one in (result.validation, result.stated))
+    held_out, stated = (
+        None if one is None else finite(dataclasses.asdict(one)) for one in (result.validation, result.stated)
+    )
     return {
         "run": str(result.folder),
         "controller": str(result.folder / "best.controller.toml"),
@@ -255,6 +262,7 @@ def _summary(result: evolution.RunResult) -> dict[str, Any]:
         "held_out": held_out,
         "stated": stated,
         "simulations": result.simulations,
+        "search_s": round(result.search_s, 3),
         "seconds": round(result.seconds, 3),
     }
 
@@ -269,7 +277,9 @@ def _table(result: evolution.RunResult) -> Table:
         s = result.stated
         touched = f"; its head touches in {s.head_touched:.0%}" if s.head_touched else ""
         table.add_row("as stated", f"{s.hits:.0%} of {s.conditions} unseen goals hit on the rig's own numbers{touched}")
-    table.add_row("took", f"{result.simulations} rollouts in {result.seconds:.0f} s")
+    # of a run that was finished before, the decision's time is not known
+    in_all = f"; {result.seconds:.0f} s in all" if result.seconds > result.search_s else ""
+    table.add_row("search", f"{result.simulations} rollouts in {result.search_s:.0f} s{in_all}")
     return table
 
 

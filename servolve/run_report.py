@@ -23,7 +23,7 @@ from evolve.record import (
 )
 from evolve.run import is_finished
 from evolve.run_file import RunFile, read_run_file
-from evolve.run_folder import HISTORY, PARETO, VALIDATION, write_whole
+from evolve.run_folder import HISTORY, PARETO, VALIDATION, read_validation, write_whole
 from evolve.settings import asked_objectives
 from servolve.figures import RIG, SIM
 from servolve.report import NARROW, Rows, render
@@ -113,7 +113,7 @@ def read_record(folder: Path) -> RunRecord:
         best=line,
         ancestors=counts,
         controller=best_controller(folder),
-        validation=_json(folder / VALIDATION) if finished else None,
+        validation=read_validation(folder / VALIDATION) if finished else None,
         front=_json(folder / PARETO)["front"] if finished and (folder / PARETO).is_file() else (),
     )
 

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from controller import Controller, format_source, load_controller, program_hash
-from controller.controller_file import BEST
+from controller.controller_file import BEST, RUN
 from controller.decimals import format_decimal
 from controller.errors import InputError
 from controller.source import Apply, Constant, Expression, Last, Name
 from servolve.tree_picture import tree_svg
-
-RUN: Final = "run.toml"
-"""What makes a folder a run; `evolve.run_folder` names it too, and a bench without a simulation does not have that."""
 
 
 def show(
@@ -39,7 +36,7 @@ def show(
     Returns:
         exit status
     """
-    run = (controller / RUN).is_file()
+    run = _is_run(controller)
     if report is not None:
         _write_report(controller, run, report)
         return 0
@@ -66,6 +63,14 @@ def show(
     else:
         print("\n".join(text_lines(loaded)))
     return 0
+
+
+def _is_run(path: Path) -> bool:
+    """Tell whether there is a run, of whatever is called a path."""
+    try:
+        return (path / RUN).is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _write_report(folder: Path, run: bool, path: Path) -> None:

@@ -136,10 +136,7 @@ def _edge(node: _Node, child: _Node) -> str:
 def _box(node: _Node) -> str:
     x, y = node.x - node.width / 2, _y(node.depth) - _NODE_PX / 2
     size = f'width="{node.width:.1f}" height="{_NODE_PX}" rx="5" fill="{_COLOURS[node.kind]}"'
-    return (
-        f'<rect x="{x:.1f}" y="{y:.1f}" {size}/>'
-        f'<text x="{node.x:.1f}" y="{y + 15:.1f}">{escape(node.label)}</text>'
-    )
+    return f'<rect x="{x:.1f}" y="{y:.1f}" {size}/><text x="{node.x:.1f}" y="{y + 15:.1f}">{escape(node.label)}</text>'
 
 
 def _y(depth: int) -> float:

@@ -195,6 +195,8 @@ def test_every_command_refuses_the_same_controller(folder, capsys, command, monk
 
 def test_a_controller_that_is_not_there(folder, capsys):
     refused(capsys, ["show", folder / "gone.controller.toml"], r"gone\.controller\.toml", "no such file")
+    refused(capsys, ["show", folder / "runs" / "none"], "none", "no such file; name a run folder or a ")
+    refused(capsys, ["evolve", "--resume", folder / ("x" * 300)], "xxx", "holds no run")
 
 
 def test_a_folder_for_a_controller(folder, capsys):

@@ -259,4 +259,4 @@ def test_the_command_prints_one_object_and_progress_apart(tmp_path, capsys):
     summary = json.loads(said.out)
     assert summary["held_out"]["conditions"] == 2
     assert summary["program_hash"] == program_hash(load_controller(summary["run"]).program)
-    assert "generation 2/2" in said.err
+    assert "generation 1 (2 of 2)" in said.err

@@ -10,7 +10,7 @@ import sqlite3
 
 import pytest
 
-from controller.errors import InputError
+from controller.errors import InputError, RunError
 from evolve.history import EvaluationRow, GenerationRow, History, open_history, ordered_dump
 from evolve.record import First, first_everywhere
 
@@ -98,6 +98,27 @@ def test_a_write_that_was_killed_half_way_leaves_no_trace(tmp_path):
     assert (tmp_path / "a.sqlite-journal").stat().st_size > 0
     assert ordered_dump(path) == before, "whoever opens it first, a reader too, undoes what was half written"
     assert not (tmp_path / "a.sqlite-journal").exists()
+
+
+def test_a_file_that_may_not_be_written_is_not_said_to_lack_room(tmp_path):
+    path = tmp_path / "run" / "history.sqlite"
+    path.parent.mkdir()
+    before = written(path, [GENERATION])
+    with History(path) as history:
+        history._connection.execute("pragma query_only = on")  # SQLite refuses as in a folder that is read-only
+        with pytest.raises(RunError, match=f"readonly.*make the folder and its files writable, .*{path.parent}"):
+            history.record(dataclasses.replace(GENERATION, generation=1), ROWS)
+    assert ordered_dump(path) == before
+
+
+def test_a_file_that_another_keeps_is_said_to_be_so(tmp_path, monkeypatch):
+    monkeypatch.setattr("evolve.history._BUSY_S", 0.01)
+    path = tmp_path / "history.sqlite"
+    written(path, [GENERATION])
+    with History(path) as history, open_history(path) as reader:
+        reader.execute("select * from generation").fetchone()
+        with pytest.raises(RunError, match="close what else has it open"):
+            history.record(dataclasses.replace(GENERATION, generation=1), ROWS)
 
 
 def test_numbers_survive_bit_by_bit(tmp_path):

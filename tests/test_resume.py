@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from controller.errors import InputError, RunError
-from evolve import RunConfig, apply_overrides, evolve, load_task, ordered_dump, resume
+from evolve import RunConfig, evolve, load_task, ordered_dump, resume
 from servolve.cli import main
 
 FILES = ("run.toml", "best.controller.toml", "validation.json")
@@ -37,21 +37,22 @@ def uninterrupted(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def begun(tmp_path):
-    """A run that was interrupted after its second generation."""
-    folder = tmp_path / "begun"
-    interrupt_after(folder, 2)
+@pytest.fixture(scope="module")
+def interrupted(tmp_path_factory):
+    def interrupt(progress):
+        if progress.generation == 1:
+            raise KeyboardInterrupt
+
+    folder = tmp_path_factory.mktemp("interrupted") / "run"
+    with pytest.raises(KeyboardInterrupt):
+        killed_run.start(folder, "gp", 1, interrupt)
     return folder
 
 
-def interrupt_after(folder, generations):
-    def interrupt(progress):
-        if progress.generation + 1 == generations:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        killed_run.start(folder, "gp", 1, interrupt)
+@pytest.fixture
+def begun(interrupted, tmp_path):
+    """A run that was interrupted after its second generation."""
+    return shutil.copytree(interrupted, tmp_path / "begun")
 
 
 def assert_same_run(folder, other):
@@ -74,7 +75,8 @@ def test_an_interrupted_run_goes_on_where_it_was(uninterrupted, begun):
 def test_a_run_without_a_generation_begins(uninterrupted, tmp_path, left):
     folder = tmp_path / "run"
     folder.mkdir()
-    shutil.copy(uninterrupted / "run.toml", folder)
+    for name in ("run.toml", "task.py"):
+        shutil.copy(uninterrupted / name, folder)
     if len(left) > 1:
         connection = sqlite3.connect(folder / "history.sqlite")
         if left[1] == "history.sqlite":
@@ -119,13 +121,11 @@ def test_a_finished_run_is_told_whatever_has_changed_since(uninterrupted, tmp_pa
 
 
 def test_a_search_alone_is_resumed_as_such(tmp_path):
-    settings = apply_overrides(killed_run.TASK.settings, killed_run.SMALL)
-    config = RunConfig(killed_run.TASK, tmp_path / "run", 7, settings, threads=1, decide=False)
-    whole = evolve(config, silent)
+    whole = evolve(killed_run.config(tmp_path / "run", threads=1, decide=False), silent)
     assert whole.validation is None
     again = resume(tmp_path / "run", 1, silent)
     assert again.candidate.program == whole.candidate.program
-    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["history.sqlite", "run.toml"]
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["history.sqlite", "run.toml", "task.py"]
 
 
 @pytest.mark.parametrize(
@@ -139,16 +139,15 @@ def test_a_search_alone_is_resumed_as_such(tmp_path):
     ],
 )
 def test_every_kind_of_search_goes_on_as_if_it_had_not_stopped(tmp_path, numbers):
-    small = [*killed_run.SMALL, "population=12", "generations=4", *numbers]
-    settings = apply_overrides(killed_run.TASK.settings, small)
+    numbers = ["population=12", "generations=4", *numbers]
 
     def interrupt(progress):
         if progress.generation == 1:
             raise KeyboardInterrupt
 
-    whole = evolve(RunConfig(killed_run.TASK, tmp_path / "whole", 7, settings, threads=1), silent)
+    whole = evolve(killed_run.config(tmp_path / "whole", numbers, threads=1), silent)
     with pytest.raises(KeyboardInterrupt):
-        evolve(RunConfig(killed_run.TASK, tmp_path / "run", 7, settings, threads=1), interrupt)
+        evolve(killed_run.config(tmp_path / "run", numbers, threads=1), interrupt)
     assert resume(tmp_path / "run", 1, silent).simulations == whole.simulations
     assert_same_run(tmp_path / "run", tmp_path / "whole")
     pareto = [(tmp_path / name / "pareto.json") for name in ("run", "whole")]
@@ -255,6 +254,71 @@ def test_a_run_whose_files_were_changed_is_refused(own, name):
     path.unlink()
     with pytest.raises(InputError, match=path.name.replace(".", r"\.")):
         resume(Path("run"), 1, silent)
+
+
+@pytest.mark.parametrize(("old", "new"), [("seed = 7", "seed = 8"), ("population = 20", "population = 30")])
+def test_a_run_whose_seed_or_settings_were_edited_is_refused(begun, old, new):
+    text = (begun / "run.toml").read_text()
+    assert text.count(f"\n{old}\n") == 1
+    (begun / "run.toml").write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=r"run\.toml: its seed or another .*has changed since the run began; put back"):
+        resume(begun, 1, silent)
+    (begun / "run.toml").write_text(text)
+    resume(begun, 1, silent)
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        ("delete from evaluation where generation = 0", "generation 0 holds 0 of 20 individuals"),
+        ("delete from evaluation where generation = 1 and individual = 3", "generation 1 holds 19 of 20"),
+        ("delete from generation where generation = 0", "without a gap"),
+        ("delete from candidate where generation = 0", "0 candidates"),
+        ("delete from program", "holds 0 of 20"),
+        ("drop table candidate", "damaged"),
+    ],
+)
+def test_a_history_that_lacks_something_is_refused(begun, damage, told):
+    with sqlite3.connect(begun / "history.sqlite") as connection:
+        connection.execute(damage)
+    with pytest.raises(InputError, match=rf"history\.sqlite: .*{told}.*; put back the run's own history"):
+        resume(begun, 1, silent)
+    assert not (begun / "best.controller.toml").exists()
+
+
+@pytest.mark.parametrize("length", [0, 30, -60])
+def test_a_run_file_that_was_cut_is_refused_in_words(begun, capsys, length):
+    path = begun / "run.toml"
+    path.write_text(path.read_text()[:length])
+    assert main(["evolve", "--resume", str(begun)]) == 2
+    said = capsys.readouterr().err
+    assert "run.toml: " in said and "; put back the file" in said
+    assert "Error" not in said and len(said.strip().splitlines()) == 1
+
+
+def test_a_history_that_was_spoilt_is_refused_with_what_to_do(begun, capsys):
+    (begun / "history.sqlite").write_bytes(b"spoilt " * 2000)
+    for command in (["evolve", "--resume"], ["show"]):
+        assert main([*command, str(begun)]) == 2
+        assert "put back a copy of the run's own, or start a new run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["simulate"], ["transpile", "--out", "never"]])
+def test_an_unfinished_run_is_said_to_be_so(begun, capsys, command):
+    assert main([*command, str(begun)]) == 2
+    assert f"unfinished and has not chosen its best; go on with it: servolve evolve --resume {begun}" in (
+        capsys.readouterr().err
+    )
+
+
+def test_a_finished_run_tells_the_time_of_its_search(uninterrupted, capsys):
+    assert main(["evolve", "--resume", str(uninterrupted), "--quiet", "--no-report"]) == 0
+    said = capsys.readouterr()
+    recorded = sqlite3.connect(uninterrupted / "history.sqlite").execute(
+        "select sum(simulations), sum(seconds) from generation"
+    )
+    assert "{} rollouts in {:.0f} s ".format(*recorded.fetchone()) in said.out, "the report says the same"
+    assert "in all" not in said.out
 
 
 def test_a_history_of_another_format_is_refused(begun):

@@ -49,8 +49,10 @@ def refused(arguments, capsys):
 def test_a_users_task_runs_by_its_path(tmp_path, capsys):
     task = write(tmp_path, GOOD)
     out = tmp_path / "run"
-    assert main(["evolve", task, "--out", str(out), "--quiet"]) == 0
-    assert capsys.readouterr().out == ""
+    assert main(["evolve", task, "--out", str(out), "--quiet", "--no-report"]) == 0
+    said = capsys.readouterr()
+    assert said.err == "", "no progress"
+    assert "held" not in said.out and "found in" in said.out and "search" in said.out, "but what came of it"
     assert 'task = "walk"' in (out / "run.toml").read_text()
     assert (out / "best.controller.toml").is_file()
 
@@ -69,11 +71,24 @@ def test_a_users_task_runs_by_its_path(tmp_path, capsys):
         (GOOD.replace('("t", "px")', '("t", "t")'), r"listed twice"),
         (GOOD.replace('("t", "px")', '"t"'), r"give a tuple of names"),
         (GOOD.replace('("t", "px")', '("t", "vx")'), r"terminal 'vx' cannot be had on rig lamp-xc330.*goal_dist"),
+        (
+            GOOD.replace('("t", "px")', '("t", "goal")'),
+            r"my_task\.py:11: terminal 'goal' cannot.*did you mean goal_met\?",
+        ),
+        (GOOD.replace("lamp-xc330", "lamp-xc33"), r"my_task\.py:10: there is no rig 'lamp-xc33'; did you mean"),
+        (GOOD.replace("lamp-xc330", "gone.rig.toml"), r"my_task\.py:10: gone\.rig\.toml: .*no such file; name"),
         (GOOD.replace('rig="lamp-xc330"', "rig=3"), r"rig is 3"),
         (GOOD.replace("fitness=fitness", "fitness=3"), r"fitness is no function"),
         (GOOD.replace("population=6", "population=1"), r"population is 1; give a number from 2"),
         (GOOD.replace("population=6", "population='6'"), r"population is '6'; give a finite number"),
-        (GOOD.replace("population=6", "populaton=6"), r"my_task\.py:13: TypeError: .*populaton"),
+        (
+            GOOD.replace("population=6", "populaton=6"),
+            r"my_task\.py:13: Settings has no 'populaton'; did you mean population\?",
+        ),
+        (
+            GOOD.replace("fitness=fitness", "fitnes=fitness"),
+            r"my_task\.py:8: Task has no 'fitnes'; did you mean fitness\?",
+        ),
         (GOOD.replace("final_error", "final_eror"), r"my_task\.py:6: (ValueError|KeyError|IndexError): .*final_eror"),
         (
             GOOD.replace('end["end_joint_error"]', "0.0, 1.0"),
@@ -81,6 +96,9 @@ def test_a_users_task_runs_by_its_path(tmp_path, capsys):
         ),
         (GOOD.replace('end["end_joint_error"]', "[1.0]*77"), r"my_task\.py: fitness gave shapes.*\(77,\)"),
         (GOOD.replace('end["end_joint_error"]', "'x'"), r"my_task\.py.*ValueError"),
+        (GOOD.replace("0.5 *", "float('nan') *"), r"my_task\.py:4: a controller that holds still has no finite"),
+        (GOOD.replace('["end_joint_error"]', '["end_tilt"] / 0'), r"my_task\.py:4: .*; let fitness return finite"),
+        (GOOD.replace('+ 0.5 * end["fallen"]', ".mean()"), r"my_task\.py: fitness gave shapes"),
     ],
 )
 def test_what_is_no_task_is_refused_with_its_line(tmp_path, capsys, text, told):
@@ -120,6 +138,8 @@ def test_bytes_that_are_no_python_are_refused(tmp_path, capsys):
         (["--rig", "lamp-xc33"], "lamp-xc33"),
         (["--set", "screen_timestep_s=0.003"], "does not divide the period"),
         (["--population", "many"], "many"),
+        (["--population", "20", "--set", "population=30"], "--population and --set population say the same thing"),
+        (["--set", "goals=2", "--set", "generations=3", "--generations", "3"], "--generations and --set generations"),
     ],
 )
 def test_wrong_options_are_refused(tmp_path, capsys, arguments, told, monkeypatch):
@@ -152,6 +172,12 @@ def test_input_errors_of_a_task_file_pass_through(tmp_path):
     text = "from controller.errors import InputError\nraise InputError('the floor is missing')\n"
     with pytest.raises(InputError, match="the floor is missing"):
         load_task(write(tmp_path, text))
+
+
+def test_one_number_will_do_for_the_style_of_all():
+    rollouts = Rollouts(np.zeros(3, STATISTICS), (), None, None, None, None, 10, 0.02)
+    task = Task(name="plain", rig="lamp-xc330", terminals=("t",), fitness=lambda rollouts, goal_m: (goal_m, 0.5))
+    assert [part.tolist() for part in score(task, rollouts, np.arange(3.0))] == [[0, 1, 2], [0.5, 0.5, 0.5]]
 
 
 def test_no_number_is_infinitely_bad_of_whatever_sign():
