@@ -38,7 +38,7 @@ def wrapped(angle):
     return math.remainder(angle, 2 * math.pi)
 
 
-@pytest.mark.parametrize(("name", "mass"), [("jumper-xc330", 0.283), ("paper-jumper", 0.99)])
+@pytest.mark.parametrize(("name", "mass"), [("jumper-xc330", 0.263), ("paper-jumper", 0.99)])
 def test_it_has_five_elements_four_joints_and_its_weight(name, mass):
     rig = load_rig(name)
     model = build_model(rig)
@@ -103,7 +103,7 @@ def test_the_command_simulates_goals_in_any_direction(tmp_path, capsys):
         assert main([*command, "--bearing", str(bearing), "--json"]) == 0
         told = json.loads(capsys.readouterr().out)
         assert told["bearing_rad"] == bearing
-        assert told["final_px_m"] == pytest.approx(0.3 * math.cos(bearing), abs=0.02), "px of the end is the base's"
+        assert told["final_px_m"] == pytest.approx(0.3 * math.cos(bearing), abs=0.05), "px of the end is the base's"
     assert main([*command, "--bearing", "10"]) == 2
     assert "--bearing 10: is more than a turn; give radians" in capsys.readouterr().err
 
@@ -179,19 +179,20 @@ def test_emots_fitness_is_what_its_pseudocode_says():
     assert style == pytest.approx([0.33 * 0.25 + 0.33 * 0.4 + 0.33 * 0.8])
 
 
-def test_a_buildable_jumpers_fitness_counts_falls_sliding_and_hops():
+def test_a_buildable_jumpers_fitness_counts_the_way_made_by_hopping():
     rollouts = statistics(
-        final_error=[0, 0.3, 0.15, 0],
-        end_speed=[0, 0, 0.5, 0],
-        ground_path=[0, 0, 0.1, 0.6],
-        max_clearance=[0.03, 0, 0.03, 0.005],
-        arrive_step=[100, -1, -1, 200],
-        hops=[3, 0, 9, 0],
-        upright_end=[1, 1, 0, 1],
+        final_error=[0, 0.3, 0.15, 0, 0.9, 0.3],
+        end_speed=[0, 0, 0.5, 0, 0, 0],
+        path=[0.4, 0, 0.2, 0.4, 0.6, 0.2],
+        ground_path=[0.1, 0, 0.15, 0.4, 0.1, 0.02],
+        arrive_step=[100, -1, -1, 200, -1, -1],
+        hops=[3, 0, 1, 0, 9, 5],
+        upright_end=[1, 1, 0, 1, 1, 1],
     )
-    main, style = jumper.fitness(rollouts, np.full(4, 0.3))
-    assert main == pytest.approx([0, 1.2, 0.5 + 0.5 + 0.1 + 0.1, 0.3 + 0.15])
-    assert style == pytest.approx([0.01, 0.3, 0.1, 0.22])
+    main, style = jumper.fitness(rollouts, np.full(6, 0.3))
+    half = 1 - 0.5 * (0.2 + 0.8 * 0.5) + 0.3 + 0.1
+    assert main == pytest.approx([0, 1, half, 0.8, 1, 1]), "hopping on the spot, or away, earns nothing"
+    assert style == pytest.approx([0.01, 0.1, 0.1, 0.02, 0.1, 0.1])
 
 
 def test_its_defaults_are_emots_on_the_papers_body():
@@ -200,6 +201,8 @@ def test_its_defaults_are_emots_on_the_papers_body():
     assert (paper.engine, numbers.population, numbers.generations, numbers.gep_head) == ("gep", 100, 50, 10)
     assert (numbers.tournament, numbers.time_limit_s, numbers.constant_max) == (6, 20.0, 6.0)
     assert load_rig("paper-jumper").period_s == 0.01
+    steps = {getattr(numbers, f"{stage}_timestep_s") for stage in ("screen", "decide", "verify")}
+    assert steps == {0.002}, "what is reported is what was bred"
     rates = {name: getattr(numbers, f"gep_{name}") for name in ("mutation", "is", "ris", "gene_transposition")}
     assert rates == {"mutation": 0.01, "is": 0.1, "ris": 0.1, "gene_transposition": 0.05}
     assert (numbers.gep_one_point, numbers.gep_two_point, numbers.gep_gene) == (0.2, 0.5, 0.1)
