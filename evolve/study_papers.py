@@ -161,6 +161,7 @@ _CROSSOVER: Final = Study(
     },
 )
 
+_REDUCED_JUMPER: Final = ("generations=25", "time_limit_s=10", "screen_timestep_s=0.005")
 _TINY_JUMPER: Final = ("generations=2", "time_limit_s=0.5")
 _GEP_HEAD: Final = Study(
     name="gep-head",
@@ -181,7 +182,7 @@ _GEP_HEAD: Final = Study(
     margin=_JUMPER_MARGIN,
     scales={
         "full": Scale(("3", "10", "15", "50"), 10),
-        "reduced": Scale(("3", "10", "15", "50"), 8, ("generations=25",), "25 generations instead of 50"),
+        "reduced": Scale(("3", "10", "15", "50"), 8, _REDUCED_JUMPER, "25 generations of 10 s in steps of 5 ms"),
         "tiny": Scale(("3", "10"), 2, ("population=8", *_TINY_JUMPER), _TINY),
     },
 )
@@ -212,8 +213,8 @@ _GEP_POPULATION: Final = Study(
         "reduced": Scale(
             ("10", "30", "50", "70", "100", "200"),
             8,
-            ("generations=25",),
-            "6 of the 10 populations; 25 generations instead of 50",
+            _REDUCED_JUMPER,
+            "6 of the 10 populations; 25 generations instead of 50, 10 s instead of 20, steps of 5 ms",
         ),
         "tiny": Scale(("10", "30"), 2, _TINY_JUMPER, _TINY),
     },
