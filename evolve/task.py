@@ -149,7 +149,9 @@ def score(task: Task, rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArra
     """
     origin = _file_of(task.fitness, task.name)
     try:
-        given = task.fitness(rollouts, goal_m)
+        # what is not finite counts as infinitely bad below, and is no news on the screen
+        with np.errstate(all="ignore"):
+            given = task.fitness(rollouts, goal_m)
         parts = tuple(np.asarray(part, np.float64) for part in given)
     except Exception as error:
         traces_missing = rollouts.traces is None and isinstance(error, TypeError) and "NoneType" in str(error)

@@ -180,6 +180,13 @@ def test_one_number_will_do_for_the_style_of_all():
     assert [part.tolist() for part in score(task, rollouts, np.arange(3.0))] == [[0, 1, 2], [0.5, 0.5, 0.5]]
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_division_by_nothing_is_infinitely_bad_and_warns_nobody():
+    rollouts = Rollouts(np.zeros(3, STATISTICS), (), None, None, None, None, 10, 0.02)
+    ratio = Task(name="ratio", rig="lamp-xc330", terminals=("t",), fitness=lambda rollouts, goal_m: (1 / goal_m, 0.0))
+    assert score(ratio, rollouts, np.array([0.0, 1.0, 2.0]))[0].tolist() == [np.inf, 1, 0.5]
+
+
 def test_no_number_is_infinitely_bad_of_whatever_sign():
     statistics = np.zeros(6, STATISTICS)
     statistics["status"][5] = STATUS_DIVERGED
