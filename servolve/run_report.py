@@ -183,12 +183,23 @@ def _verdict(record: RunRecord) -> str:
         g = record.generations[-1]
         return f"Not judged yet. The best of generation {g.generation} hit {g.hits} of {g.conditions} conditions."
     v = record.validation["held_out"]
-    hops = f"hops {v['hops_mean']:.1f} times on average" if v["hops_mean"] >= 1 else "does not hop"
     return (
         f"Under {v['conditions']} unseen goals and rigs it ends {100 * v['mean_error_m']:.1f}{NARROW}cm from the goal"
-        f" on average, hits {v['hits']:.0%}, falls in {v['falls']:.0%} and {hops}, with"
+        f" on average, hits {v['hits']:.0%}, falls in {v['falls']:.0%} and {_hopping(record.validation)}, with"
         f" {1000 * v['clearance_m']:.0f}{NARROW}mm under its feet."
     )
+
+
+def _hopping(validation: Mapping[str, Any]) -> str:
+    """Say in how many of the held-out conditions the best hops, and how often."""
+    v = validation["held_out"]
+    if v["hops_mean"] == 0:
+        return "does not hop"
+    often = f"{v['hops_mean']:.1f} times on average"
+    if "conditions" not in validation:
+        return f"hops {often}"
+    hopping = sum(condition["hops"] > 0 for condition in validation["conditions"])
+    return f"hops in {hopping} of {v['conditions']}, {often}"
 
 
 def _outcome_rows(validation: Mapping[str, Any] | None) -> Rows | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import re
@@ -22,6 +23,7 @@ from evolve.record import ancestors_of_each_generation, best_of, controllers_of,
 from evolve.run_folder import locked
 from servolve.cli import main
 from servolve.run_films import filmed_generations
+from servolve.run_report import read_record, run_report_html
 from servolve.tree_picture import tree_svg
 
 TASK = load_task("lamp-robust")
@@ -170,6 +172,34 @@ def test_the_report_holds_everything_and_loads_nothing(finished, tmp_path):
         assert f"{100 * condition['final_error_m']:.2f}" in cells
     assert format_source(load_controller(finished).source).split("\n")[0] in cells
     assert {path.name: path.read_bytes() for path in finished.iterdir()} == before, "a report changes nothing else"
+
+
+@pytest.mark.parametrize(
+    ("hops", "told"),
+    [
+        ([0, 0, 0], "and does not hop,"),
+        ([0, 2, 0], "hops in 1 of 3, 0.7 times on average"),
+        ([4, 5, 3], "hops in 3 of 3, 4.0"),
+    ],
+)
+def test_the_headline_counts_the_conditions_in_which_it_hops(finished, hops, told):
+    record = read_record(finished)
+    conditions = [dict(record.validation["conditions"][0], hops=count) for count in hops]
+    held_out = dict(record.validation["held_out"], conditions=3, hops_mean=sum(hops) / 3, hops_min=min(hops))
+    other = dataclasses.replace(record, validation={"held_out": held_out, "conditions": conditions})
+    assert told in run_report_html(other, [], None)
+
+
+def test_it_says_whether_generations_share_their_conditions(finished):
+    record = read_record(finished)
+    for redraw, told, not_told in (
+        (True, "conditions of its own", "same conditions"),
+        (False, "the same conditions", "own"),
+    ):
+        settings = dataclasses.replace(record.found.settings, redraw=redraw)
+        other = dataclasses.replace(record, found=dataclasses.replace(record.found, settings=settings))
+        (intro,) = re.findall(r"<h2>Fitness</h2>\s*<p[^>]*>(.*?)</p>", run_report_html(other, [], None))
+        assert told in intro and not_told not in intro
 
 
 def test_an_unfinished_run_has_a_report_too(interrupted, tmp_path):
