@@ -12,7 +12,7 @@ from evolve.settings import Settings, check
 from evolve.streams import RNG_NAME
 from evolve.task import Task
 from evolve.template import controller_template
-from sim_models.body import Form
+from sim_models.body import Form, substeps
 from sim_models.rollouts import RolloutPool
 
 
@@ -107,6 +107,8 @@ def open_screen(plan: Plan) -> RolloutPool:
         InputError: a physics step does not divide the rig's period, or the body cannot be compiled
     """
     settings = plan.settings
+    for name in ("screen_timestep_s", "verify_timestep_s", "decide_timestep_s"):
+        substeps(plan.rig, getattr(settings, name), f"{plan.task.name}: {name}")
     for timestep_s in (settings.verify_timestep_s, settings.decide_timestep_s):
         open_pool(plan, settings.decide_form, timestep_s).close()
     return open_pool(plan, settings.screen_form, settings.screen_timestep_s)

@@ -208,10 +208,12 @@ def _run(
     console: Console,
 ) -> Simulation:
     """Simulate on the nominal rig or its twin."""
-    from sim_models.body import build_model
+    from sim_models.body import build_model, substeps
     from sim_models.simulation import simulate as simulate_once
 
     distance, bearing = goal
+    if timestep is not None:
+        substeps(rig, timestep, "--timestep")
     if twin is None:
         return simulate_once(
             program,

@@ -117,12 +117,13 @@ def build_model(
     return model
 
 
-def substeps(rig: Rig, timestep_s: float) -> int:
+def substeps(rig: Rig, timestep_s: float, given: str = "timestep_s") -> int:
     """Return how many MuJoCo steps make one control period.
 
     Args:
         rig: the rig
         timestep_s: MuJoCo's step [s]
+        given: what set the step, as the error names it
 
     Returns:
         The whole number of steps.
@@ -133,8 +134,8 @@ def substeps(rig: Rig, timestep_s: float) -> int:
     count = round(rig.period_s / timestep_s) if timestep_s > 0.0 else 0
     if count < 1 or abs(count * timestep_s - rig.period_s) > 1e-9:
         raise InputError(
-            f"{rig.path}: period_s: a simulation step of {timestep_s:g} s does not divide the period of "
-            f"{rig.period_s:g} s; use a step such as {rig.period_s / 10:g} s"
+            f"{given} {timestep_s:g}: a simulation step of {timestep_s:g} s does not divide the period of "
+            f"{rig.period_s:g} s of rig {rig.name}; give a step such as {rig.period_s / 10:g}"
         )
     return count
 

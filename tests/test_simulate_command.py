@@ -69,8 +69,8 @@ def test_the_table_is_for_people(capsys, hopper):
     [
         (["--goal", "1e9"], "--goal 1e+09: is no distance in reach"),
         (["--seconds", "0"], "--seconds 0: is not between 0.02 and 600"),
-        (["--timestep", "0.003"], "does not divide the period"),
-        (["--timestep", "0"], "does not divide the period"),
+        (["--timestep", "0.003"], "--timestep 0.003: a simulation step of 0.003 s does not divide the period"),
+        (["--timestep", "0"], "--timestep 0: a simulation step of 0 s does not divide the period"),
         (["--rig", "lamp-x"], "lamp-x"),
         (["--twin", "nowhere.toml"], "nowhere.toml"),
         (["--seconds", "0.1", "--strip", "strip.jpg"], "must end in .png"),
