@@ -115,12 +115,15 @@ class RunResult:
     seconds: float
 
 
-def evolve(config: RunConfig, progress: Callable[[Progress], None]) -> RunResult:
+def evolve(
+    config: RunConfig, progress: Callable[[Progress], None], begun: Callable[[Plan], None] | None = None
+) -> RunResult:
     """Evolve a controller.
 
     Args:
         config: what to run
         progress: called after each generation
+        begun: called before the first generation, when all is checked and the folder is there
 
     Returns:
         the best controller and how good it is; the same for the same task, settings and seed at any thread count
@@ -140,6 +143,8 @@ def evolve(config: RunConfig, progress: Callable[[Progress], None]) -> RunResult
                 seed=plan.seed,
                 decide=config.decide,
             )
+            if begun is not None:
+                begun(plan)
             return _finish(plan, *_search(plan, pool, progress, started), started)
 
 

@@ -24,6 +24,7 @@ from evolve.decide import Validation
 from evolve.run import is_finished
 from evolve.run_file import read_run_file
 from evolve.run_folder import finite, free_folder
+from evolve.run_plan import Plan
 from evolve.settings import describe
 from evolve.task import BUILT_IN
 
@@ -106,7 +107,7 @@ def evolve(
         overrides = _overrides(set_ or [], {"population": population, "generations": generations})
         config = _config(task, rig, engine, out, 1 if seed is None else seed, threads, overrides)
         with _reporter(quiet, config.out) as progress:
-            result = evolution.evolve(config, progress)
+            result = evolution.evolve(config, progress, None if quiet or json_ else _tell_beginning)
     if report and not (result.folder / REPORT).is_file():
         _write_report(result.folder)
     if json_:
@@ -139,6 +140,17 @@ def _config(
     folder = out if out is not None else free_folder(RUNS, f"{loaded.name}-{seed}")
     text = None if task in BUILT_IN else Path(task).read_bytes()
     return evolution.RunConfig(loaded, folder, seed, settings, rig, threads, engine, task_text=text)
+
+
+def _tell_beginning(plan: Plan) -> None:
+    """Say what has begun and where it goes: the first generation may take a while."""
+    settings = plan.settings
+    print(
+        f"{plan.folder}: evolving {plan.task.name} on {plan.rig.name}, seed {plan.seed}, {settings.population}"
+        f" individuals for {settings.generations} generations",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def _refuse_with_resume(given: list[str]) -> None:

@@ -57,6 +57,18 @@ def test_a_users_task_runs_by_its_path(tmp_path, capsys):
     assert (out / "best.controller.toml").is_file()
 
 
+def test_a_run_says_at_once_where_it_goes(tmp_path, capsys):
+    task = write(tmp_path, GOOD)
+    arguments = ["evolve", task, "--no-report", "--out"]
+    assert main([*arguments, str(tmp_path / "run")]) == 0
+    first, second = capsys.readouterr().err.splitlines()[:2]
+    assert first == f"{tmp_path / 'run'}: evolving walk on lamp-xc330, seed 1, 6 individuals for 2 generations"
+    assert second.startswith("generation 0")
+    assert main([*arguments, str(tmp_path / "other"), "--json"]) == 0
+    assert "evolving" not in capsys.readouterr().err
+    assert "evolving" not in refused([*arguments, str(tmp_path / "run")], capsys), "nothing is, where nothing can be"
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
