@@ -7,7 +7,10 @@ What the paper leaves open is read so:
 - Style is 1 if the head has touched anything or the jumper has fallen, and the rollout ends there. Such a jumper does
   not stand at the goal: its distance counts as the initial one if it is less. Else falling towards the goal pays.
 - Idle time is the share of the time limit at which the base is slower than 0.02 m/s and has not arrived. The sum of
-  angles is that of |angle| [rad], the bearing's the shorter way round; that of velocities is of |rate| [rad/s].
+  angles is that of |angle| [rad], the bearing's the shorter way round.
+- The sum of velocities ("stop after achieving the goal") is that of the five elements, each taken to move as fast as
+  the base did at most in the last 0.2 s [m/s], and of the joints' |rate| at the end [rad/s]. Of the joints' rates alone
+  a jumper that shakes makes nothing: it reverses them at the very end.
 - A motor of limited power reaches the demanded velocity late: with a time constant of 45 ms (`filter`). Motors that
   answer at once let the jumper chatter along at half the rate of its program, and where such a jumper gets to depends
   on the physics step.
@@ -27,6 +30,7 @@ import numpy as np
 from evolve.task import FloatArray, Settings, StopConditions, Task
 from sim_models.rollouts import Rollouts
 
+_ELEMENTS = 5
 _JOINTS = 4
 
 
@@ -47,7 +51,7 @@ def fitness(rollouts: Rollouts, goal_m: FloatArray) -> tuple[FloatArray, FloatAr
     distance = end["final_error"] / goal_m
     timing = np.clip(end["idle_steps"] / rollouts.nstep, 0, 1)
     angles = np.clip(_JOINTS * end["end_joint_error"], 0, 1)
-    velocities = np.clip(_JOINTS * end["end_joint_speed"], 0, 1)
+    velocities = np.clip(_ELEMENTS * end["end_speed"] + _JOINTS * end["end_joint_speed"], 0, 1)
     style = np.where(unsafe, 1.0, 0.33 * timing + 0.33 * angles + 0.33 * velocities)
     return np.where(unsafe, np.maximum(distance, 1.0), distance), style
 

@@ -179,6 +179,12 @@ def test_emots_fitness_is_what_its_pseudocode_says():
     assert style == pytest.approx([0.33 * 0.25 + 0.33 * 0.4 + 0.33 * 0.8])
 
 
+def test_a_jumper_that_shakes_is_told_from_one_that_stands():
+    shaking = statistics(end_speed=[0.0, 0.14, 0.3], end_joint_speed=[0.0, 0.003, 0.0])
+    _, style = jumper_paper.fitness(shaking, np.full(3, 0.5))
+    assert style == pytest.approx([0, 0.33 * (5 * 0.14 + 4 * 0.003), 0.33]), "five elements in m/s, four joints in rad/s"
+
+
 def test_a_buildable_jumpers_fitness_counts_the_way_made_by_hopping():
     rollouts = statistics(
         final_error=[0, 0.3, 0.15, 0, 0.9, 0.3],
