@@ -182,7 +182,9 @@ def test_emots_fitness_is_what_its_pseudocode_says():
 def test_a_jumper_that_shakes_is_told_from_one_that_stands():
     shaking = statistics(end_speed=[0.0, 0.14, 0.3], end_joint_speed=[0.0, 0.003, 0.0])
     _, style = jumper_paper.fitness(shaking, np.full(3, 0.5))
-    assert style == pytest.approx([0, 0.33 * (5 * 0.14 + 4 * 0.003), 0.33]), "five elements in m/s, four joints in rad/s"
+    assert style == pytest.approx([0, 0.33 * (5 * 0.14 + 4 * 0.003), 0.33]), (
+        "five elements in m/s, four joints in rad/s"
+    )
 
 
 def test_a_buildable_jumpers_fitness_counts_the_way_made_by_hopping():
