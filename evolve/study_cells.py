@@ -106,13 +106,14 @@ def run_cells(cells: Sequence[Cell], out: Path, workers: int, done: Callable[[Ce
         done: called for each cell that is complete, those of earlier calls first
 
     Raises:
-        InputError: the folder is in use, or holds cells of other settings
+        InputError: the folder is in use, or holds something else than cells of this study
         RunError: a worker failed or was killed
     """
+    _refuse_other_folder(out)
     with _claimed(out):
+        _refuse_other_cells(cells, out)
         pending = []
         for cell in cells:
-            _check(cell)
             curve = read_curve(cell)
             if curve is not None:
                 done(cell, curve)
@@ -139,17 +140,34 @@ def read_curve(cell: Cell) -> Curve | None:
     return Curve(*zip(*rows, strict=True)) if len(rows) == cell.settings.generations else None
 
 
-def _check(cell: Cell) -> None:
-    """Refuse a folder whose run is not this cell."""
-    if not (cell.folder / RUN).is_file():
-        return
-    found = read_run_file(cell.folder)
-    load_again(cell.folder, found)
-    asked = (study_task(cell.study).name, cell.study.rig, cell.study.engine, cell.seed, cell.settings, versions())
-    if asked != (found.task, found.rig, found.engine, found.seed, found.settings, found.versions):
-        raise InputError(
-            f"{cell.folder}: holds a run of other settings or versions; remove it, or give --out another folder"
-        )
+def _refuse_other_folder(out: Path) -> None:
+    """Refuse a folder that holds something and is no study's."""
+    if (out / RUN).exists():
+        raise InputError(f"{out}: holds a run, and a study is many; give --out another folder")
+    try:
+        if out.is_dir() and not (out / CELLS).is_dir() and any(out.iterdir()):
+            raise InputError(f"{out}: holds something else than a study; give --out another folder")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be used ({error.strerror}); give --out another folder") from None
+
+
+def _refuse_other_cells(cells: Sequence[Cell], out: Path) -> None:
+    """Refuse a folder that holds a run which is no cell of this study, whatever its seed, before anything runs."""
+    levels = {cell.level.name: cell for cell in cells}
+    for path in sorted((out / CELLS).glob(f"*/{RUN}")):
+        folder = path.parent
+        level = folder.name.rpartition("-")[0]
+        found = read_run_file(folder)
+        load_again(folder, found)
+        cell = levels.get(level)
+        asked = cell and (study_task(cell.study).name, cell.study.rig, cell.study.engine, cell.settings)
+        if asked != (found.task, found.rig, found.engine, found.settings) or folder.name != f"{level}-{found.seed}":
+            raise InputError(
+                f"{out}: holds another study, or this one at another scale, whose settings differ"
+                f" ({CELLS}/{folder.name}); give --out another folder"
+            )
+        if found.versions != versions():
+            raise InputError(f"{out}: holds this study as other versions ran it; give --out another folder")
 
 
 def _run(cell: Cell) -> None:

@@ -120,15 +120,32 @@ def test_the_summary_says_what_was_run(finished):
     assert len(lines) == 1 + 2 * SEEDS * 2
 
 
-def test_a_folder_of_other_settings_is_refused_and_stays(finished, tmp_path, capsys):
+def refused(folder, capsys, name=NAME, scale="tiny"):
+    """Return the sentence with which a study refuses its folder, which stays as it is."""
+    before = {path: path.is_dir() or path.read_bytes() for path in folder.rglob("*")}
+    assert main(["study", name, "--scale", scale, "--seeds", "1", "--out", str(folder)]) == 2
+    assert {path: path.is_dir() or path.read_bytes() for path in folder.rglob("*")} == before
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and "remove" not in told and "give --out another folder" in told
+    return told
+
+
+def test_a_folder_of_another_study_is_refused_and_stays(finished, tmp_path, capsys):
     folder = tmp_path / "copy"
     shutil.copytree(finished[0], folder)
-    before = sorted(folder.rglob("*"))
-    assert main(["study", NAME, "--scale", "full", "--out", str(folder), "--quiet"]) == 2
-    told = capsys.readouterr().err
-    assert "other settings" in told
-    assert "--out" in told
-    assert sorted(folder.rglob("*")) == before
+    assert "this one at another scale" in refused(folder, capsys, scale="full")
+    for name in STUDIES:
+        if name != NAME:
+            assert "holds another study" in refused(folder, capsys, name)
+    # a cell that this call does not ask for is another study's all the same
+    (folder / "cells" / "50-2").rename(folder / "cells" / "51-2")
+    assert "cells/51-2" in refused(folder, capsys)
+
+
+def test_a_folder_of_something_else_is_refused_and_stays(finished, tmp_path, capsys):
+    assert "holds a run" in refused(finished[0] / "cells" / "10-1", capsys)
+    (tmp_path / "notes.txt").write_text("mine")
+    assert "something else than a study" in refused(tmp_path, capsys)
 
 
 def test_a_folder_where_a_study_runs_is_refused(finished, capsys):
