@@ -10,11 +10,11 @@ from typing import Literal
 from controller.controller import Controller
 from controller.registers import X330_BAUD, Register, registers
 from controller.rig import Joint, Rig
-from deploy.dynamixel_bus import DynamixelBus, decode
 from deploy.joint_counts import count_limits, joint_angle
 from deploy.port import usb_latency_s
 from deploy.safety import judge_hardware_error
 from deploy.sensor_reader import SensorReader
+from deploy.servo_bus import ServoBus, decode
 
 _USB_LATENCY_S_MAX = 0.0015
 _LIMIT_SLACK_RAD = 0.05
@@ -53,7 +53,7 @@ class Reading:
         return math.nan if position is None else joint_angle(self.joint, position)
 
 
-def check_servos(bus: DynamixelBus, rig: Rig) -> tuple[list[Reading], list[Finding]]:
+def check_servos(bus: ServoBus, rig: Rig) -> tuple[list[Reading], list[Finding]]:
     """Read every servo's registers, write none, and compare them with the rig.
 
     Args:
@@ -128,7 +128,7 @@ def check_controller(rig: Rig, controller: Controller) -> list[Finding]:
     return [Finding("warning", text)]
 
 
-def _check_servo(bus: DynamixelBus, rig: Rig, joint: Joint) -> tuple[Reading, list[Finding]]:
+def _check_servo(bus: ServoBus, rig: Rig, joint: Joint) -> tuple[Reading, list[Finding]]:
     named = f"joint {joint.name} (servo {joint.id})"
     reply, model = bus.ping(joint.id)
     for _ in range(2):
@@ -159,7 +159,7 @@ def _check_servo(bus: DynamixelBus, rig: Rig, joint: Joint) -> tuple[Reading, li
     return Reading(joint, values), findings
 
 
-def _read_table(bus: DynamixelBus, joint: Joint) -> tuple[dict[str, int], str]:
+def _read_table(bus: ServoBus, joint: Joint) -> tuple[dict[str, int], str]:
     """Read the whole table in two blocks; return its counts and, if a block failed, what is wrong."""
     table = [register for register in registers(joint.product).values() if register.address < 148]
     values: dict[str, int] = {}

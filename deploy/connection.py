@@ -10,10 +10,10 @@ from controller.errors import InputError
 from controller.rig import Rig
 from deploy.clock import LockstepClock, RealClock
 from deploy.drivable import require_drivable
-from deploy.dynamixel_bus import DynamixelBus
 from deploy.period import Connection
 from deploy.port import SerialPort
 from deploy.sensor_port import SensorPort
+from deploy.servo_bus import open_bus
 from deploy.witness import Witness
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def connect_virtual(virtual: VirtualRig, stop: Callable[[], str | None]) -> Iter
 
     with ExitStack() as stack:
         bench = stack.enter_context(LockstepBench(virtual))
-        bus = stack.enter_context(closing(DynamixelBus(LockstepPort(bench, rig.bus.baud), _return_delay_s(rig))))
+        bus = stack.enter_context(closing(open_bus(LockstepPort(bench, rig.bus.baud), rig)))
         sensors = stack.enter_context(closing(SensorPort(bench.sensor_path))) if rig.sensors else None
         yield Connection(bus, sensors, LockstepClock(bench), Witness(virtual), stop)
 
@@ -63,10 +63,6 @@ def connect_ports(rig: Rig, port: str, sensor_port: str | None, stop: Callable[[
     if rig.sensors and sensor_port is None:
         raise InputError(f"rig {rig.name}: it has a sensor node; name its port with --sensor-port")
     with ExitStack() as stack:
-        bus = stack.enter_context(closing(DynamixelBus(SerialPort(port, rig.bus.baud), _return_delay_s(rig))))
+        bus = stack.enter_context(closing(open_bus(SerialPort(port, rig.bus.baud), rig)))
         sensors = stack.enter_context(closing(SensorPort(sensor_port))) if sensor_port else None
         yield Connection(bus, sensors, RealClock(), None, stop)
-
-
-def _return_delay_s(rig: Rig) -> float:
-    return 1e-6 * rig.bus.return_delay_us

@@ -16,7 +16,6 @@ from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.schedule import Transaction, TransactionKind, period, schedule_of
 from deploy.clock import Clock
-from deploy.dynamixel_bus import BusError, DynamixelBus, Reply
 from deploy.joint_counts import count_limits, joint_angle
 from deploy.rig_io import RigIO
 from deploy.run_record import RunRecord
@@ -33,6 +32,7 @@ from deploy.safety import (
     needed_sensors,
 )
 from deploy.sensor_port import SensorPort
+from deploy.servo_bus import BusError, Reply, ServoBus
 from deploy.witness import Witness
 
 TRIPPED: Final = 255
@@ -67,7 +67,7 @@ class Connection:
         stop: gives the reason why a person wants to stop, or None
     """
 
-    bus: DynamixelBus
+    bus: ServoBus
     sensors: SensorPort | None
     clock: Clock
     witness: Witness | None

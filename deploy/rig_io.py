@@ -12,10 +12,10 @@ import numpy.typing as npt
 from controller.registers import Register, registers
 from controller.rig import Rig
 from deploy.clock import Clock
-from deploy.dynamixel_bus import DynamixelBus, Reply, decode, encode
 from deploy.joint_counts import joint_angle
 from deploy.sensor_port import SensorPort
 from deploy.sensor_reader import SensorReader
+from deploy.servo_bus import Reply, ServoBus, decode, encode
 
 _STATE: Final = ("present_position", "present_velocity", "present_current")
 
@@ -45,7 +45,7 @@ class RigIO:
         clock: the run's time
     """
 
-    def __init__(self, rig: Rig, bus: DynamixelBus, sensors: SensorPort | None, clock: Clock) -> None:
+    def __init__(self, rig: Rig, bus: ServoBus, sensors: SensorPort | None, clock: Clock) -> None:
         self.rig = rig
         self.bus = bus
         self.reader = SensorReader(rig.sensors)

@@ -13,7 +13,8 @@ from typing import Final
 
 from controller.controller import Controller
 from controller.rig import Joint, Rig
-from deploy.dynamixel_bus import HARDWARE_ERRORS, Reply
+from deploy.dynamixel_bus import HARDWARE_ERRORS
+from deploy.servo_bus import Reply
 
 PERSISTENT: Final = 3
 """A heat, voltage or tilt reading must come this often in a row before it counts."""

@@ -8,16 +8,16 @@ from typing import Final
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from deploy.clock import Clock
-from deploy.dynamixel_bus import BusError, DynamixelBus, encode
 from deploy.joint_counts import count_limits
 from deploy.port import PortLostError
+from deploy.servo_bus import BusError, ServoBus, encode
 
 _RELEASE_S_MAX: Final = 1.0
 _RELEASE_PAUSE_S: Final = 0.05
 _WATCHDOG_UNIT_S: Final = 0.02
 
 
-def write_settings(bus: DynamixelBus, rig: Rig, derate: float) -> None:
+def write_settings(bus: ServoBus, rig: Rig, derate: float) -> None:
     """Write gains and torque ceiling of every servo and read them back. RAM only.
 
     Args:
@@ -46,7 +46,7 @@ def write_settings(bus: DynamixelBus, rig: Rig, derate: float) -> None:
             bus.write_register(joint.id, table[name], value)
 
 
-def seed_goals(bus: DynamixelBus, rig: Rig) -> tuple[int, ...]:
+def seed_goals(bus: ServoBus, rig: Rig) -> tuple[int, ...]:
     """Set every goal to where its joint stands, so that torque moves nothing.
 
     Args:
@@ -69,7 +69,7 @@ def seed_goals(bus: DynamixelBus, rig: Rig) -> tuple[int, ...]:
     return tuple(goals)
 
 
-def torque_on(bus: DynamixelBus, rig: Rig) -> None:
+def torque_on(bus: ServoBus, rig: Rig) -> None:
     """Switch every servo's torque on, then arm its bus watchdog.
 
     Args:
@@ -87,7 +87,7 @@ def torque_on(bus: DynamixelBus, rig: Rig) -> None:
             bus.write_register(joint.id, registers(joint.product)["bus_watchdog"], counts)
 
 
-def release(bus: DynamixelBus, rig: Rig, clock: Clock) -> list[Joint]:
+def release(bus: ServoBus, rig: Rig, clock: Clock) -> list[Joint]:
     """Switch every servo's torque off and read it back; a servo that does not answer keeps none of the others waiting.
 
     All are told at once, then each in turn; those that can not be read back are tried again for a second.
@@ -124,7 +124,7 @@ def unsure_sentence(joints: Sequence[Joint]) -> str:
     return f"torque could not be switched off for certain on {named}; cut the power"
 
 
-def hold(bus: DynamixelBus, rig: Rig) -> None:
+def hold(bus: ServoBus, rig: Rig) -> None:
     """Leave every servo holding its last goal with nobody on the bus: disarm the bus watchdogs.
 
     Args:
@@ -141,7 +141,7 @@ def hold(bus: DynamixelBus, rig: Rig) -> None:
             raise BusError(f"joint {joint.name} (servo {joint.id}) was to hold, but its torque is off")
 
 
-def _switch_off(bus: DynamixelBus, joint: Joint) -> bool:
+def _switch_off(bus: ServoBus, joint: Joint) -> bool:
     """Switch one servo's torque and watchdog off; return whether it reads so."""
     table = registers(joint.product)
     try:
