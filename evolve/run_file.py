@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -197,23 +197,51 @@ def load_again(folder: Path, found: RunFile, task: Task | None = None) -> tuple[
         InputError: either is missing or has changed
     """
     text = _text_of(folder / found.task_file) if found.task_file else None
-    rig_path = folder / found.rig_file
-    if found.rig_file and not rig_path.is_file():
-        raise InputError(f"{rig_path}: the run's rig file is missing; put it back there")
-    rig = load_rig(rig_path) if found.rig_file else load_rig(found.rig)
-    now = _hashes(text, rig, found.digest)
+    rig = _rig_of(folder, found)
+    _refuse_changed(folder, found, rig, _hashes(text, rig, found.digest), found.hashes)
+    if task is None:
+        task = load_task(str(folder / found.task_file) if found.task_file else found.task)
+        task = task.for_rig(None if found.rig_file else rig.name)
+    return task, rig
+
+
+def load_rig_again(folder: Path, found: RunFile) -> Rig:
+    """Return a run's rig, unchanged since it began; its task is not looked at.
+
+    Args:
+        folder: the run's
+        found: what its `run.toml` says
+
+    Returns:
+        the rig
+
+    Raises:
+        InputError: it is missing or has changed
+    """
+    rig = _rig_of(folder, found)
+    now = _hashes(None, rig, found.digest)
+    _refuse_changed(folder, found, rig, now, found.hashes.keys() & now.keys())
+    return rig
+
+
+def _rig_of(folder: Path, found: RunFile) -> Rig:
+    """Load a run's rig from where it is kept."""
+    path = folder / found.rig_file
+    if found.rig_file and not path.is_file():
+        raise InputError(f"{path}: the run's rig file is missing; put it back there")
+    return load_rig(path) if found.rig_file else load_rig(found.rig)
+
+
+def _refuse_changed(folder: Path, found: RunFile, rig: Rig, now: Mapping[str, str], names: Collection[str]) -> None:
+    """Refuse to go on with what is not as it was when the run began."""
     places = {"task": folder / found.task_file, "rig": rig.path, "body": rig.body}
-    for name, digest in found.hashes.items():
-        if now.get(name) != digest:
+    for name in sorted(names):
+        if now.get(name) != found.hashes[name]:
             what = f"the {name}" if name in places else "its seed or another of its entries"
             raise InputError(
                 f"{places.get(name, folder / RUN)}: {what} has changed since the run began; put back the file that it"
                 " began with, or start a new run"
             )
-    if task is None:
-        task = load_task(str(folder / found.task_file) if found.task_file else found.task)
-        task = task.for_rig(None if found.rig_file else rig.name)
-    return task, rig
 
 
 def _keep_rig(folder: Path, rig: Rig) -> str:

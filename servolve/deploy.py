@@ -16,7 +16,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from controller import Controller, Rig, controller_text, load_controller, load_rig
+from controller import Controller, Rig, controller_text, load_controller
 from controller.errors import InputError, RunError
 from controller.native import pack_cycle
 from deploy.checks import Finding, check_controller
@@ -31,6 +31,7 @@ from deploy.stop_request import StopRequest
 from deploy.summary import summary
 from deploy.torque import unsure_sentence
 from servolve.announcer import Announcer
+from servolve.run_rig import rig_of
 
 if TYPE_CHECKING:
     from deploy.virtual.twin import Twin
@@ -45,7 +46,7 @@ def deploy(
     controller: Path,
     /,
     *,
-    rig: str,
+    rig: str | None = None,
     port: str = VIRTUAL,
     sensor_port: str | None = None,
     arm: Annotated[bool, Parameter(negative="")] = False,
@@ -66,7 +67,7 @@ def deploy(
 
     Args:
         controller: a controller file, or a run folder (its best)
-        rig: name that `servolve rig list` prints, or path of a rig file
+        rig: name that `servolve rig list` prints, or path of a rig file; left out: the one it was evolved on
         port: "virtual", a serial device, or socket://HOST:PORT
         sensor_port: serial device or socket of the sensor node
         arm: allow torque on a real port
@@ -84,7 +85,7 @@ def deploy(
         exit status; 0: done; a fault, or a stop, is told as an error
     """
     program = load_controller(controller)
-    about = load_rig(rig)
+    about = rig_of(controller, program, rig)
     require_drivable(about)
     virtual = port == VIRTUAL
     _check_arguments(virtual, goal, seconds, derate, bool(twin or fault or seed), sensor_port, real_time)

@@ -12,10 +12,11 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from controller import Controller, Rig, controller_text, load_controller, load_rig
+from controller import Controller, Rig, controller_text, load_controller
 from controller.errors import InputError, RunError
 from controller.rig import Joint
 from controller.rig_file import require_bus
+from servolve.run_rig import rig_of
 
 if TYPE_CHECKING:
     from deploy.virtual.twin import Twin
@@ -62,7 +63,7 @@ def simulate(
         exit status; 0: simulated, wherever the base ended
     """
     program = load_controller(controller)
-    about = load_rig(rig or str(program.provenance.get("rig", RIG)))
+    about = rig_of(controller, program, rig, RIG)
     length = float(program.provenance.get("time_limit_s", SECONDS)) if seconds is None else seconds
     if not -100.0 <= goal <= 100.0:
         raise InputError(f"--goal {goal:g}: is no distance in reach; give metres")
