@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 import mujoco
@@ -12,11 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from controller.errors import InputError, RunError
-from controller.rig import Joint, Rig
-from deploy.virtual.servo import Drive
+from controller.rig import Rig
+from deploy.virtual.drive import Mode
+from deploy.virtual.shaft import JointShaft
 from deploy.virtual.twin import Twin
 from sim_models.body import (
     Pose,
+    Scene,
     base_force,
     base_pose,
     base_rotation,
@@ -25,10 +27,11 @@ from sim_models.body import (
     clearance,
     settled_data,
 )
-from sim_models.servo import servo_parameters, set_servo, set_torque
 
 TIMESTEP_S: Final = 0.001
 """Step of the virtual rig's physics: finer than the rollouts' [s]."""
+
+_INPUTS: Final = mujoco.mjtCtrlInput.mjINPUT_POS | mujoco.mjtCtrlInput.mjINPUT_VEL | mujoco.mjtCtrlInput.mjINPUT_FF
 
 Start = Literal["settled", "limp"]
 
@@ -72,21 +75,22 @@ class Plant:
                 f"{rig.name}: a physics step of {timestep_s:g} s does not divide the period of {rig.period_s:g} s; "
                 "choose another timestep_s"
             )
-        self.model: Any = build_model(rig, form="free", timestep_s=timestep_s, lean=True)
         self.supply_v = twin.supply_v or rig.supply_v
         self.twin = twin
-        self._change_model()
-        self.data: Any = settled_data(self.model, rig)
+        settled = self._build(rig, timestep_s)
+        self.model: Any = self._build(rig, timestep_s, lambda spec: _add_inputs(spec, rig))
+        self.data: Any = mujoco.MjData(self.model)
+        self.data.qpos[:] = settled_data(settled, rig).qpos
+        mujoco.mj_forward(self.model, self.data)
         self.layout = body_layout(self.model, rig)
-        self.shafts = tuple(JointShaft(self, joint, index) for index, joint in enumerate(rig.joints))
+        self.shafts = tuple(
+            JointShaft(self, joint, index, held=start == "settled") for index, joint in enumerate(rig.joints)
+        )
         self.time_ns = 0
         self._pose = (-1, Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         self._friction = np.array(self.model.dof_frictionloss[self.layout.dof])
-        self._held = [start == "settled"] * len(rig.joints)
         self._delay_ns = round(twin.command_latency_s * 1e9)
-        self._commands: deque[tuple[int, int, float]] = deque()  # (due [ns], actuator, goal [rad])
-        for actuator, held in zip(self.layout.actuator, self._held, strict=True):
-            set_torque(self.model, int(actuator), held)
+        self._commands: deque[tuple[int, int, Mode, float]] = deque()  # (due [ns], joint, mode, goal)
 
     def step(self, count: int) -> None:
         """Move the body.
@@ -100,8 +104,8 @@ class Plant:
         stiction = self.twin.stiction_scale != 1.0
         while count > 0:
             while self._commands and self._commands[0][0] <= self.time_ns:
-                _, actuator, goal = self._commands.popleft()
-                self.data.ctrl[actuator] = goal
+                _, index, mode, goal = self._commands.popleft()
+                self.shafts[index].take(mode, goal)
             if stiction:
                 self._stick()
             block = 1 if stiction or self._commands else count
@@ -113,38 +117,18 @@ class Plant:
                 f"the virtual rig's physics diverged at {self.time_ns * 1e-9:.3f} s; give the twin a smaller timestep_s"
             )
 
-    def aim(self, index: int, goal_rad: float) -> None:
-        """Set where a servo drives its joint to.
+    def command(self, index: int, mode: Mode, goal: float) -> None:
+        """Give a joint's motor a goal, after the twin's latency.
 
         Args:
             index: joint
-            goal_rad: angle [rad]
+            mode: what the goal is
+            goal: by the mode
         """
-        if self._held[index]:
-            return
-        actuator = int(self.layout.actuator[index])
         if self._delay_ns:
-            self._commands.append((self.time_ns + self._delay_ns, actuator, goal_rad))
+            self._commands.append((self.time_ns + self._delay_ns, index, mode, goal))
         else:
-            self.data.ctrl[actuator] = goal_rad
-
-    def drive(self, index: int, joint: Joint, drive: Drive) -> None:
-        """Change how a servo drives its joint.
-
-        Args:
-            index: joint
-            joint: the rig's joint
-            drive: by its registers
-        """
-        if self._held[index] and not drive.on:
-            return
-        self._held[index] = False
-        parameters = servo_parameters(
-            joint.product, drive.p_gain, drive.d_gain, drive.pwm_limit, self.supply_v, self.twin.torque_scale
-        )
-        actuator = int(self.layout.actuator[index])
-        set_servo(self.model, actuator, replace(parameters, kp=parameters.kp * self.twin.p_gain_scale))
-        set_torque(self.model, actuator, drive.on)
+            self.shafts[index].take(mode, goal)
 
     def measure(self, name: str) -> float:
         """Return what a sensor of a name measures now, SI.
@@ -173,8 +157,10 @@ class Plant:
             joint_vel=np.array(self.data.qvel[self.layout.dof]),
         )
 
-    def _change_model(self) -> None:
-        twin, model = self.twin, self.model
+    def _build(self, rig: Rig, timestep_s: float, scene: Scene | None = None) -> mujoco.MjModel:
+        """Compile the body with the twin's differences."""
+        twin = self.twin
+        model: Any = build_model(rig, form="free", timestep_s=timestep_s, lean=True, scene=scene)
         model.geom_friction[:, 0] *= twin.friction_scale
         model.body_mass[:] *= twin.mass_scale
         model.body_inertia[:] *= twin.mass_scale
@@ -182,6 +168,7 @@ class Plant:
         model.dof_damping[:] *= twin.joint_damping_scale
         model.dof_armature[:] *= twin.armature_scale
         mujoco.mj_setConst(model, mujoco.MjData(model))
+        return model
 
     def _stick(self) -> None:
         """Raise the friction of joints that stand (Stribeck)."""
@@ -192,63 +179,15 @@ class Plant:
             self.model.dof_frictionloss[dof] = self._friction[index] * (1.0 + excess)
 
 
-class JointShaft:
-    """Give a virtual servo its joint, counted as its encoder counts.
-
-    Args:
-        plant: the body
-        joint: the rig's joint
-        index: its place in the rig
-    """
-
-    def __init__(self, plant: Plant, joint: Joint, index: int) -> None:
-        self._plant = plant
-        self._joint = joint
-        self._index = index
-        self._qpos = int(plant.layout.qpos[index])
-        self._dof = int(plant.layout.dof[index])
-        self._actuator = int(plant.layout.actuator[index])
-        self._ticks_per_rad = joint.sign * joint.product.ticks_per_turn / (2.0 * math.pi)
-        self._on = False
-
-    def ticks(self) -> float:
-        """Return the angle [ticks]."""
-        return self._joint.zero_tick + self._ticks_per_rad * float(self._plant.data.qpos[self._qpos])
-
-    def speed(self) -> float:
-        """Return the angular velocity [rad/s]."""
-        return self._joint.sign * float(self._plant.data.qvel[self._dof])
-
-    def torque(self) -> float:
-        """Return the motor's torque [N m]."""
-        return self._joint.sign * float(self._plant.data.actuator_force[self._actuator]) if self._on else 0.0
-
-    def duty(self) -> float:
-        """Return the PWM duty, -1 to 1: what makes this torque at this speed."""
-        if not self._on or self._plant.supply_v <= 0.0:
-            return 0.0
-        product, twin = self._joint.product, self._plant.twin
-        stall = product.stall_torque_nm * twin.torque_scale
-        share = self.torque() / stall + self.speed() / product.no_load_speed_rad_s
-        return min(1.0, max(-1.0, share * product.voltage_v / self._plant.supply_v))
-
-    def supply(self) -> float:
-        """Return the supply voltage [V]."""
-        return self._plant.supply_v
-
-    def drive(self, drive: Drive) -> None:
-        """Change how the servo drives the joint.
-
-        Args:
-            drive: by its registers
-        """
-        self._on = drive.on
-        self._plant.drive(self._index, self._joint, drive)
-
-    def aim(self, ticks: float) -> None:
-        """Set where the servo drives the joint to.
-
-        Args:
-            ticks: encoder count
-        """
-        self._plant.aim(self._index, (ticks - self._joint.zero_tick) / self._ticks_per_rad)
+def _add_inputs(spec: mujoco.MjSpec, rig: Rig) -> None:
+    """Give each servo's motor the inputs of every mode: angle, velocity and torque."""
+    for joint in rig.joints:
+        product = joint.product
+        spec.actuator(joint.name).set_to_dcmotor(
+            [0.0, 0.0],
+            0.0,
+            nominal=[product.voltage_v, product.stall_torque_nm, product.no_load_speed_rad_s],
+            saturation=[product.stall_torque_nm, 0.0, 0.0],
+            controller=[1.0, 0.0, 1.0, 0.0, 0.0, product.voltage_v],
+            ctrlspec=int(_INPUTS),
+        )

@@ -7,14 +7,15 @@ Instructions beyond those of `INSTRUCTIONS` answer "instruction error" (2), as a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 from controller.products import Product
 from controller.registers import X330_BAUD, Register, registers
 from deploy.virtual import dynamixel2 as dxl
 from deploy.virtual.control_table import ControlTable
+from deploy.virtual.drive import Drive, Law, Shaft
 from deploy.virtual.profile import Profile
 
 POSITION_MODE: Final = 3
@@ -59,55 +60,6 @@ _DRIVE: Final = frozenset(
 _TORQUE_ON_BY_GOAL: Final = 8
 _PRESENT_LOW, _PRESENT_HIGH = 120, 148  # registers that the servo measures
 _TICK_PERIOD: Final = 32768
-
-
-@dataclass(frozen=True)
-class Drive:
-    """Say how a servo drives its shaft.
-
-    Args:
-        on: whether it does; off: the shaft turns freely
-        p_gain: position P gain register
-        d_gain: position D gain register
-        pwm_limit: the smaller one of PWM limit and goal PWM
-    """
-
-    on: bool
-    p_gain: int
-    d_gain: int
-    pwm_limit: int
-
-
-class Shaft(Protocol):
-    """Give a servo its output shaft, counted as its encoder counts."""
-
-    def ticks(self) -> float:
-        """Return the angle [ticks]."""
-        ...
-
-    def speed(self) -> float:
-        """Return the angular velocity [rad/s]."""
-        ...
-
-    def torque(self) -> float:
-        """Return the motor's torque [N m]."""
-        ...
-
-    def duty(self) -> float:
-        """Return the PWM duty, -1 to 1."""
-        ...
-
-    def supply(self) -> float:
-        """Return the supply voltage [V]."""
-        ...
-
-    def drive(self, drive: Drive) -> None:
-        """Change how the servo drives the shaft."""
-        ...
-
-    def aim(self, ticks: float) -> None:
-        """Set where the servo drives the shaft to [ticks]."""
-        ...
 
 
 class VirtualServo:
@@ -370,9 +322,17 @@ class VirtualServo:
 
     def _drive(self) -> None:
         table = self.table
-        limit = min(table["pwm_limit"], abs(table["goal_pwm"]))
-        self._shaft.drive(Drive(table["torque_enable"] != 0, table["position_p_gain"], table["position_d_gain"], limit))
+        self._shaft.drive(Drive(on=table["torque_enable"] != 0, mode="position", law=self._law()))
         self._aim()
+
+    def _law(self) -> Law:
+        table, product = self.table, self.product
+        counts_per_rad = product.ticks_per_turn / (2.0 * math.pi)
+        return Law(
+            kp=table["position_p_gain"] / product.p_divisor / product.duty_full * counts_per_rad,
+            kd=table["position_d_gain"] / product.d_divisor / product.duty_full * counts_per_rad,
+            duty_max=min(table["pwm_limit"], abs(table["goal_pwm"])) / product.duty_full,
+        )
 
     def _aim(self) -> None:
         if self.table["profile_velocity"] and self.table["torque_enable"]:
