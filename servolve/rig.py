@@ -48,6 +48,8 @@ def serve(
     fault: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = (),
     seed: int = 0,
     eeprom: Path | None = None,
+    wire_time: bool = True,
+    echo: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Serve a virtual rig in real time: a servo bus and a sensor node, with MuJoCo behind them, until Ctrl-C.
 
@@ -60,6 +62,8 @@ def serve(
         fault: what goes wrong, as drop=0.01, corrupt=0.01 or dead=2@3.0; may be repeated
         seed: seed of faults and noise
         eeprom: file in which the servos keep their EEPROM between runs
+        wire_time: bytes take their time on the bus; without, as fast as the machine goes
+        echo: the bus returns the master's own bytes, as some adapters do
 
     Returns:
         exit status
@@ -75,6 +79,8 @@ def serve(
         twin=load_twin(twin) if twin else None,
         faults=[parse_fault(spec) for spec in fault],
         eeprom_path=eeprom,
+        wire_time=wire_time,
+        echo=echo,
     )
     with RigServer(virtual, link=link, sensor_link=sensor_link, tcp_port=tcp) as server:
         for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,27 +1,89 @@
-"""The half-duplex line between a master and virtual servos: who answers, when, and what the line does to it.
+"""The half-duplex line between a master and virtual servos: who hears, when who speaks, and what the line does to it.
 
-All times are whole nanoseconds, so that the same bytes in give the same bytes out. A byte takes ten bits. What several
-servos send queues on the line; what is sent over another's bytes destroys both.
+Which servo answers what, and in which order, is the protocol's: a `Framing`. All times are whole nanoseconds, so that
+the same bytes in give the same bytes out. A byte takes ten bits. What several servos send queues on the line; what is
+sent over another's bytes destroys both.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from typing import Final
-
-from deploy.virtual import dynamixel2 as dxl
-from deploy.virtual.servo import VirtualServo
+from dataclasses import dataclass
+from typing import Final, Generic, NamedTuple, Protocol, TypeVar
 
 BITS_PER_BYTE: Final = 10
 GAP_NS: Final = 50_000_000
-"""A packet whose next byte takes longer than this is abandoned. The manual gives no number: an estimate."""
+"""A packet whose next byte takes longer than this is abandoned. The manuals give no number: an estimate."""
 
 _SLACK_NS: Final = 1000  # times come as float seconds
 _GARBLE: Final = 0xAA  # two senders pull bits down
 
 
-class VirtualBus:
+class Answer(NamedTuple):
+    """Say what goes onto the line next.
+
+    Args:
+        delay_ns: how long who answers waits first [ns]
+        frames: what is sent at once: one frame, or those of several servos with one id
+        follows: whether the delay starts when the answer before this one has ended; else, when the question has
+    """
+
+    delay_ns: int
+    frames: Sequence[bytes]
+    follows: bool = False
+
+
+class BusServo(Protocol):
+    """Give the line what it needs to know of a servo, whatever the servo speaks."""
+
+    baud: int
+
+    def silent(self, now_ns: int) -> bool:
+        """Return whether the servo neither hears nor answers now."""
+        ...
+
+    def hear(self, now_ns: int) -> None:
+        """Note that a packet was on the line, for whomever."""
+        ...
+
+
+PacketT = TypeVar("PacketT")
+ServoT = TypeVar("ServoT", bound=BusServo)
+
+
+class Parser(Protocol[PacketT]):
+    """Cut a stream of bytes into packets."""
+
+    @property
+    def waiting(self) -> int:
+        """Return how many bytes wait for the rest of their packet."""
+        ...
+
+    def feed(self, data: bytes) -> list[PacketT]:
+        """Take what has arrived; return the packets that ended in it."""
+        ...
+
+    def abandon(self) -> None:
+        """Forget a packet whose rest did not come."""
+        ...
+
+
+@dataclass(frozen=True)
+class Framing(Generic[PacketT, ServoT]):
+    """Hold a protocol: its packets, and its rules of who answers them.
+
+    Args:
+        parser: makes a parser of the master's bytes
+        carry_out: lets servos that hear a packet carry it out, given the time when it ended [ns]; yields what they
+            send, in the order in which they do. A frame is asked for when it is its turn, not when it goes out
+    """
+
+    parser: Callable[[], Parser[PacketT]]
+    carry_out: Callable[[PacketT, Sequence[ServoT], int], Iterable[Answer]]
+
+
+class VirtualBus(Generic[PacketT, ServoT]):
     """Carry bytes between one master and the servos.
 
     Args:
@@ -29,20 +91,30 @@ class VirtualBus:
         baud: bits per second of the master
         dead: tells whether a servo, by its place in `servos`, is without power or connection
         lose: what the line does to a status packet: returns it, changed or not, or None if it does not arrive
+        framing: the protocol of the line
+        wire_time: whether bytes take time; without, whole packets pass at once, and nothing collides
+        echo: whether the master hears its own bytes, as through an adapter that joins both directions
     """
 
     def __init__(
         self,
-        servos: Sequence[VirtualServo],
+        servos: Sequence[ServoT],
         baud: int,
         dead: Callable[[int], bool],
         lose: Callable[[bytes], bytes | None],
+        framing: Framing[PacketT, ServoT],
+        *,
+        wire_time: bool = True,
+        echo: bool = False,
     ) -> None:
         self.baud = baud
         self.servos = servos
         self._dead = dead
         self._lose = lose
-        self._parser = dxl.PacketParser()
+        self._carry_out = framing.carry_out
+        self._parser = framing.parser()
+        self._wire_time = wire_time
+        self._echo = echo
         self._heard_ns = 0
         self._free_ns = 0
         self._replies: deque[tuple[int, int, bytes]] = deque()  # (first byte starts, last byte has ended, bytes)
@@ -53,7 +125,7 @@ class VirtualBus:
         Args:
             nbyte: how many
         """
-        return nbyte * BITS_PER_BYTE * 1_000_000_000 // self.baud
+        return nbyte * BITS_PER_BYTE * 1_000_000_000 // self.baud if self._wire_time else 0
 
     def feed(self, data: bytes, end_ns: int) -> None:
         """Take bytes from the master.
@@ -66,11 +138,14 @@ class VirtualBus:
         if self._parser.waiting and start_ns - self._heard_ns > GAP_NS:
             self._parser.abandon()
         self._heard_ns = end_ns
-        if self._collides(start_ns, end_ns):
+        collided = self._collides(start_ns, end_ns)
+        if self._echo and data:
+            self._replies.append((start_ns, end_ns, data))
+        if collided:
             self._parser.abandon()
             return
         for packet in self._parser.feed(data):
-            self._carry_out(packet, end_ns)
+            self._pass(packet, end_ns)
 
     def take_replies(self, until_ns: int) -> list[tuple[int, bytes]]:
         """Return what has ended on the line by a time: (end [ns], bytes), in order.
@@ -98,71 +173,26 @@ class VirtualBus:
                 collided = True
         return collided
 
-    def _carry_out(self, packet: dxl.Packet, now_ns: int) -> None:
-        listening = [
-            (index, servo)
+    def _pass(self, packet: PacketT, now_ns: int) -> None:
+        """Let everybody who can hear a packet do so, and put on the line what they answer."""
+        present = [
+            servo
             for index, servo in enumerate(self.servos)
             if servo.baud == self.baud and not self._dead(index) and not servo.silent(now_ns)
         ]
-        for _, servo in listening:
+        for servo in present:
             servo.hear(now_ns)
-        present = [servo for _, servo in listening]
-        if packet.id == dxl.BROADCAST and packet.instruction == dxl.SYNC_READ:
-            self._sync_read(packet.parameters, present, now_ns)
-        elif packet.id == dxl.BROADCAST and packet.instruction == dxl.SYNC_WRITE:
-            _sync_write(packet.parameters, present, now_ns)
-        elif packet.id == dxl.BROADCAST:
-            for servo in sorted(present, key=lambda servo: servo.id):
-                self._send([servo.answer(packet, now_ns)], now_ns + servo.return_delay_ns)
-        else:
-            addressed = [servo for servo in present if servo.id == packet.id]
-            delays = [servo.return_delay_ns for servo in addressed]
-            answers = [servo.answer(packet, now_ns) for servo in addressed]
-            self._send(answers, now_ns + max(delays, default=0))
-
-    def _sync_read(self, parameters: bytes, present: Sequence[VirtualServo], now_ns: int) -> None:
-        """Let the servos answer in the order of the ids, each after the packet of the one before it.
-
-        A servo that does not hear its predecessor waits for it in vain: all after a silent one stay silent.
-        All measure when the question has ended, not when their turn comes.
-        """
-        if len(parameters) < 5:
-            return
-        address = parameters[0] | parameters[1] << 8
-        length = parameters[2] | parameters[3] << 8
         turn_ns = now_ns
-        for identity in parameters[4:]:
-            asked = [servo for servo in present if servo.id == identity]
-            answers = [servo.answer_sync_read(address, length, now_ns) for servo in asked]
-            if not any(answers):
-                return
-            turn_ns = self._send(answers, turn_ns + max(servo.return_delay_ns for servo in asked))
+        for answer in self._carry_out(packet, present, now_ns):
+            turn_ns = self._send(answer.frames, (turn_ns if answer.follows else now_ns) + answer.delay_ns)
 
-    def _send(self, answers: Iterable[bytes | None], start_ns: int) -> int:
+    def _send(self, frames: Sequence[bytes], start_ns: int) -> int:
         """Put a status packet on the line, as soon as it is free; return when it ends [ns]."""
-        sent = [answer for answer in answers if answer]
-        if not sent:
-            return start_ns
-        reply = sent[0]
-        for other in sent[1:]:
+        reply = frames[0]
+        for other in frames[1:]:
             # two servos with one id pull the line down together
             reply = bytes(a & b for a, b in zip(reply, other, strict=False))
         first_ns = max(start_ns, self._free_ns)
         self._free_ns = first_ns + self.duration_ns(len(reply))
         self._replies.append((first_ns, self._free_ns, self._lose(reply) or b""))
         return self._free_ns
-
-
-def _sync_write(parameters: bytes, present: Sequence[VirtualServo], now_ns: int) -> None:
-    """Let each servo write its part; nobody answers, not even who refuses."""
-    if len(parameters) < 4:
-        return
-    address = parameters[0] | parameters[1] << 8
-    length = parameters[2] | parameters[3] << 8
-    rest = parameters[4:]
-    if length == 0 or len(rest) % (length + 1):
-        return
-    for start in range(0, len(rest), length + 1):
-        for servo in present:
-            if servo.id == rest[start]:
-                servo.write(address, rest[start + 1 : start + 1 + length], now_ns)

@@ -18,6 +18,7 @@ from controller.registers import X330_BAUD
 from controller.rig import Joint, Rig
 from deploy.drivable import require_drivable
 from deploy.virtual.bus import VirtualBus
+from deploy.virtual.dynamixel2_line import DYNAMIXEL2
 from deploy.virtual.eeprom_file import load_eeprom, save_eeprom
 from deploy.virtual.faults import Fault, check_faults
 from deploy.virtual.plant import Plant, Start, Truth
@@ -41,6 +42,8 @@ class VirtualRig:
         faults: what goes wrong
         start: "settled" or "limp", see `deploy.virtual.plant.Plant`
         eeprom_path: where the servos' EEPROM is kept between runs; None: it starts as the rig file says
+        wire_time: whether bytes take time on the line
+        echo: whether the master hears its own bytes
 
     Raises:
         InputError: the rig, the twin, a fault or the EEPROM file asks for what can not be
@@ -55,6 +58,8 @@ class VirtualRig:
         faults: Sequence[Fault] = (),
         start: Start = "settled",
         eeprom_path: Path | None = None,
+        wire_time: bool = True,
+        echo: bool = False,
     ) -> None:
         self.rig = rig
         self.twin = twin or Twin()
@@ -71,7 +76,15 @@ class VirtualRig:
             VirtualServo(joint.product, shaft, eeprom.get(joint.name) or commissioned(joint, rig))
             for joint, shaft in zip(rig.joints, self._plant.shafts, strict=True)
         )
-        self._bus = VirtualBus(self.servos, rig.bus.baud, self._is_silent, self._lose_status)
+        self._bus = VirtualBus(
+            self.servos,
+            rig.bus.baud,
+            self._is_silent,
+            self._lose_status,
+            DYNAMIXEL2,
+            wire_time=wire_time,
+            echo=echo,
+        )
         self._sensors = VirtualSensors(noise_rng, rig, self.twin, self._lose_line)
         self._protect_ns = PROTECT_NS
         self._faults: tuple[Fault, ...] = ()
