@@ -86,7 +86,7 @@ def _joint(table: Table, bus: Bus) -> Joint:
     sign = 1 if product == IDEAL else table.integer("sign", -(2**31), 2**31 - 1)
     if sign not in (1, -1):
         table.fail("sign", f"sign {sign} is neither 1 nor -1; write 1, or -1 where the encoder counts the other way")
-    zero_tick = 0 if product == IDEAL else table.integer("zero_tick", 0, product.ticks_per_turn - 1)
+    zero_tick = 0 if product == IDEAL else table.integer("zero_tick", 0, product.count_max)
     unlimited = _unlimited(table)
     low = -math.inf if unlimited else table.number("low_rad")
     high = math.inf if unlimited else table.number("high_rad")
@@ -97,7 +97,7 @@ def _joint(table: Table, bus: Bus) -> Joint:
         table.fail("neutral_rad", f"neutral_rad {neutral:g} is outside {low:g} to {high:g}; move it inside the limits")
     ticks_per_rad = product.ticks_per_turn / (2.0 * math.pi)
     if not unlimited:
-        _check_travel(table, zero_tick, sign * ticks_per_rad, product.ticks_per_turn, product == IDEAL)
+        _check_travel(table, zero_tick, sign * ticks_per_rad, product.count_max, product == IDEAL)
     lines: Mapping[str, Register] = {} if product == IDEAL else registers(product)
 
     def register(key: str, name: str, low_count: int = 0, needed: bool = True) -> int:
@@ -164,17 +164,17 @@ def _unlimited(table: Table) -> bool:
     return unlimited
 
 
-def _check_travel(table: Table, zero_tick: int, ticks_per_rad: float, ticks_per_turn: int, ideal: bool) -> None:
+def _check_travel(table: Table, zero_tick: int, ticks_per_rad: float, count_max: int, ideal: bool) -> None:
     """Refuse limits that the encoder can not count to."""
     for key in ("low_rad", "high_rad"):
         angle = table.number(key)
         tick = zero_tick + angle * ticks_per_rad
         if ideal and abs(tick) >= COUNT_MAX:
             table.fail(key, f"{key} {angle:g} is too far to count; write unlimited = true instead of limits")
-        if not ideal and not 0.0 <= tick <= ticks_per_turn - 1:
+        if not ideal and not 0.0 <= tick <= count_max:
             table.fail(
                 key,
-                f"{key} {angle:g} is encoder tick {tick:.0f}, across the wrap at 0 and {ticks_per_turn}; "
+                f"{key} {angle:g} is encoder tick {tick:.0f}, across the wrap at 0 and {count_max + 1}; "
                 "narrow the limit, or mount the horn so that zero_tick is nearer to the middle",
             )
 

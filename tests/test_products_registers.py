@@ -8,10 +8,14 @@ from pathlib import Path
 import pytest
 
 from controller.products import PRODUCTS
-from controller.registers import X330_BAUD, registers
+from controller.registers import registers
 
 # where the SDK's own files disagree with each other, and what the registers' `source` says about it
 OLDER_INDIRECT_DATA = 224
+
+
+X330 = [product.name for product in PRODUCTS.values() if product.family == "dynamixel-x330"]
+X = [product for product in PRODUCTS.values() if product.family in ("dynamixel-x330", "dynamixel-x430")]
 
 
 def model_file(name):
@@ -30,7 +34,7 @@ def snake(name):
     return name.replace("(Shadow)", "").lower().replace(" ", "_")
 
 
-@pytest.mark.parametrize("product", PRODUCTS)
+@pytest.mark.parametrize("product", X330)
 @pytest.mark.parametrize("firmware", ["", "_fw52"])
 def test_addresses_and_sizes_agree_with_the_sdk(product, firmware):
     table, _ = model_file(product.replace("-", "_") + firmware)
@@ -43,7 +47,7 @@ def test_addresses_and_sizes_agree_with_the_sdk(product, firmware):
     assert {name: (lines[name].address, lines[name].size) for name in table} == table
 
 
-@pytest.mark.parametrize("product", PRODUCTS)
+@pytest.mark.parametrize("product", X330)
 def test_registers_that_the_sdk_does_not_list_say_so(product):
     table, _ = model_file(product.replace("-", "_") + "_fw52")
     extra = {name: line for name, line in registers(PRODUCTS[product]).items() if name not in table}
@@ -52,7 +56,7 @@ def test_registers_that_the_sdk_does_not_list_say_so(product):
     assert {name for name in extra if "not in the SDK" in extra[name].source} == set(extra) - numbered
 
 
-@pytest.mark.parametrize("product", PRODUCTS.values(), ids=PRODUCTS)
+@pytest.mark.parametrize("product", X, ids=lambda product: product.name)
 def test_units_agree_with_the_sdk(product):
     _, units = model_file(product.name.replace("-", "_"))
     assert product.velocity_unit_rad_s == float(units["Present Velocity"])
@@ -65,17 +69,21 @@ def test_units_agree_with_the_sdk(product):
 @pytest.mark.parametrize("product", PRODUCTS.values(), ids=PRODUCTS)
 def test_registers_do_not_overlap_and_initial_values_fit(product):
     end = 0
+    first_ram = registers(product)["torque_enable"].address
     for line in registers(product).values():
         assert line.address >= end, line.name
         end = line.address + line.size
         bits = 8 * line.size
         smallest, largest = (-(1 << bits - 1), (1 << bits - 1) - 1) if line.signed else (0, (1 << bits) - 1)
+        if line.sign_bit is not None:
+            largest = (1 << line.sign_bit) - 1
+            smallest = -largest
         assert smallest <= line.low <= line.high <= largest, line.name
         if line.access == "rw":
             assert line.low <= line.initial <= line.high, line.name
-        assert line.eeprom == (line.address < 64), line.name
+        indirect = line.name.startswith("indirect_")
+        assert line.eeprom == (line.address < first_ram and not indirect), line.name
     assert registers(product)["model_number"].initial == product.model_number
-    assert set(X330_BAUD) == set(range(registers(product)["baud_rate"].low, registers(product)["baud_rate"].high + 1))
 
 
 @pytest.mark.parametrize(("name", "error_rad"), [("xc330-m181", 0.145), ("xl330-m288", 0.43)])
