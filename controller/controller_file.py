@@ -21,7 +21,7 @@ KIND: Final = "controller file"
 BEST: Final = "best.controller.toml"
 """The controller of a run folder."""
 RUN: Final = "run.toml"
-"""What makes a folder a run, finished or not; `evolve.run_folder` names both too."""
+"""What makes a folder a run, finished or not; `evolve.runs.run_folder` names both too."""
 
 _FLOAT_MAX: Final = 3.4028234663852886e38
 _LIMIT_MAX: Final = 1e6

@@ -1,7 +1,7 @@
 """Evolution: tasks, genetic programming, runs."""
 
-from evolve.history import ordered_dump
-from evolve.run import Progress, RunConfig, RunResult, evolve, resume
+from evolve.runs.history import ordered_dump
+from evolve.runs.run import Progress, RunConfig, RunResult, evolve, resume
 from evolve.settings import Settings, apply_overrides
 from evolve.task import Task, load_task
 

@@ -8,9 +8,9 @@ from typing import Final
 
 from controller.errors import InputError
 from evolve.engine import Engine
-from evolve.gep import gep
+from evolve.gep.engine import gep
+from evolve.gp.tree_gp import tree_gp
 from evolve.settings import Settings
-from evolve.tree_gp import tree_gp
 
 ENGINES: Final[Mapping[str, Callable[[Sequence[str], int, Settings], Engine]]] = MappingProxyType(
     {"gp": tree_gp, "gep": gep}

@@ -39,13 +39,14 @@ Fitness: TypeAlias = Callable[[Rollouts, FloatArray], tuple[FloatArray, FloatArr
 Scene: TypeAlias = Callable[[mujoco.MjSpec, Settings], None]
 
 BUILT_IN = {
-    "lamp": "evolve.lamp",
-    "lamp-robust": "evolve.lamp_robust",
-    "lamp-limbo": "evolve.lamp_limbo",
-    "jumper": "evolve.jumper",
+    "lamp": "evolve.tasks.lamp",
+    "lamp-robust": "evolve.tasks.lamp_robust",
+    "lamp-limbo": "evolve.tasks.lamp_limbo",
+    "jumper": "evolve.tasks.jumper",
 }
 """Module of each task that has a name."""
 
+_BUILT_IN_FOLDER = Path(__file__).resolve().parent / "tasks"
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,63}\Z")
 _UNKNOWN = re.compile(r"(Settings|StopConditions|Task)\.__init__\(\) got an unexpected keyword argument '(\w+)'")
 
@@ -179,7 +180,7 @@ def place_of(task: Task, word: str = "") -> str:
     """
     path = _file_of(task.fitness, task.name)
     code = getattr(task.fitness, "__code__", None)
-    if code is None or path.resolve().parent == Path(__file__).resolve().parent or not path.is_file():
+    if code is None or path.resolve().parent == _BUILT_IN_FOLDER or not path.is_file():
         return task.name
     if not word:
         return f"{path}:{code.co_firstlineno}"

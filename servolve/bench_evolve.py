@@ -23,7 +23,7 @@ from evolve import Settings, Task, load_task
 from evolve.conditions import Conditions, draw_conditions
 from evolve.decide import NEAR_M
 from evolve.evaluate import Cache, evaluate, simulate
-from evolve.run_plan import Plan, RunConfig, make_plan, open_pool
+from evolve.runs.run_plan import Plan, RunConfig, make_plan, open_pool
 from evolve.search import Generation, ask, controller_of, phase_of, tell
 from evolve.streams import Stream, generator
 from servolve.deap_baseline import Baseline, DeapSearch, generation_conditions

@@ -16,7 +16,7 @@ from typing import Any, Final
 from controller import program_hash
 from evolve.engine import Individual
 from evolve.evaluate import Cache, Race, evaluate
-from evolve.run_plan import Plan, open_pool
+from evolve.runs.run_plan import Plan, open_pool
 from evolve.search import controller_of, phase_of
 from servolve.bench_evolve import THREADS, WITHOUT, Contest, baseline, search_generations, search_plan
 from servolve.deap_baseline import DeapSearch, generation_conditions

@@ -21,10 +21,10 @@ from rich.table import Table
 import evolve as evolution
 from controller.errors import InputError, RunError
 from evolve.decide import Validation
-from evolve.run import is_finished
-from evolve.run_file import read_run_file
-from evolve.run_folder import finite, free_folder
-from evolve.run_plan import Plan
+from evolve.runs.run import is_finished
+from evolve.runs.run_file import read_run_file
+from evolve.runs.run_folder import finite, free_folder
+from evolve.runs.run_plan import Plan
 from evolve.settings import describe
 from evolve.task import BUILT_IN
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evolve.record import GenerationSummary
+from evolve.runs.record import GenerationSummary
 from servolve.figures import GOAL, INK, MARK, RIG, SIM, page_figure
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from typing import Final
 
 from controller import Controller, Rig
 from controller.errors import InputError, RunError
-from evolve.record import Ancestor, GenerationSummary, controllers_of
-from evolve.run_file import RunFile, load_again
+from evolve.runs.record import Ancestor, GenerationSummary, controllers_of
+from evolve.runs.run_file import RunFile, load_again
 from evolve.task import Task
 
 _FILMS: Final = 5  # the chosen best among them

@@ -29,7 +29,7 @@ def rig_of(path: Path, controller: Controller, asked: str | None, otherwise: str
         return load_rig(asked)
     if path.is_dir() and (path / RUN).is_file():
         # what a run keeps is read by what wrote it, which needs the simulation's packages
-        from evolve.run_file import load_rig_again, read_run_file
+        from evolve.runs.run_file import load_rig_again, read_run_file
 
         return load_rig_again(path, read_run_file(path))
     name = controller.provenance.get("rig", otherwise)

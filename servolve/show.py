@@ -47,7 +47,7 @@ def show(
         return 0
     if run and not (controller / BEST).is_file():
         # the history's best needs the simulation's packages; the chosen one does not
-        from evolve.record import best_controller
+        from evolve.runs.record import best_controller
 
         loaded = best_controller(controller)
     else:

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from controller import format_source
 from controller.errors import InputError
-from evolve.history import open_history
-from evolve.record import (
+from evolve.runs.history import open_history
+from evolve.runs.record import (
     Ancestor,
     First,
     GenerationSummary,
@@ -21,9 +21,9 @@ from evolve.record import (
     generation_summaries,
     lineage,
 )
-from evolve.run import is_finished
-from evolve.run_file import RunFile, read_run_file
-from evolve.run_folder import HISTORY, locked
+from evolve.runs.run import is_finished
+from evolve.runs.run_file import RunFile, read_run_file
+from evolve.runs.run_folder import HISTORY, locked
 
 _TEXT_WIDTH: Final = 44
 

@@ -189,8 +189,8 @@ def _load_twin(twin: Path | None) -> Twin | None:
 
 def _scene(controller: Path) -> Scene | None:
     """Return what stood in the way when a run was evolved; None for a controller that is no run's folder."""
-    from evolve.run_file import load_again, read_run_file
-    from evolve.run_folder import RUN
+    from evolve.runs.run_file import load_again, read_run_file
+    from evolve.runs.run_folder import RUN
 
     if not (controller.is_dir() and (controller / RUN).is_file()):
         return None

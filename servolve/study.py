@@ -14,10 +14,10 @@ from rich.console import Console
 from rich.table import Table
 
 from controller.errors import InputError, RunError
-from evolve.run_folder import write_whole
-from evolve.study import ScaleName, Study
-from evolve.study_cells import Cell, Curve, make_cells, run_cells
-from evolve.study_papers import STUDIES
+from evolve.runs.run_folder import write_whole
+from evolve.studies.cells import Cell, Curve, make_cells, run_cells
+from evolve.studies.papers import STUDIES
+from evolve.studies.study import ScaleName, Study
 from servolve.study_figure import study_figure
 from servolve.study_report import METRICS, Finished, fragment, generations_csv, rows, table_csv
 from servolve.study_verdict import judge

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evolve.study import Scale, ScaleName, Study, level_settings
-from evolve.study_cells import Curve
+from evolve.studies.cells import Curve
+from evolve.studies.study import Scale, ScaleName, Study, level_settings
 from servolve.study_verdict import ALPHA, ClaimTest, Values, judge, median_interval, overview, shown
 
 METRICS = {"raw": "raw fitness", "adjusted": "adjusted fitness"}

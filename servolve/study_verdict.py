@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from evolve.study import Claim, Study
+from evolve.studies.study import Claim, Study
 
 ALPHA: Final = 0.05
 """Significance level of each test, after Holm."""

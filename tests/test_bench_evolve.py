@@ -18,7 +18,7 @@ from controller.errors import InputError, RunError
 from controller.native import NativeProgram
 from evolve.conditions import draw_conditions
 from evolve.evaluate import simulate
-from evolve.run_plan import open_pool
+from evolve.runs.run_plan import open_pool
 from evolve.search import ask, controller_of
 from evolve.streams import Stream, generator
 from servolve.bench_evolve import (

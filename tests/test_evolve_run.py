@@ -16,10 +16,10 @@ from evolve import RunConfig, apply_overrides, evolve, load_task, ordered_dump
 from evolve.conditions import conditions, draw_conditions, pick
 from evolve.decide import validate
 from evolve.evaluate import Cache, Race, evaluate
+from evolve.gp.tree_gp import tree_gp
 from evolve.search import ask, tell
 from evolve.streams import Stream, generator
 from evolve.template import controller_template
-from evolve.tree_gp import tree_gp
 from servolve.cli import main
 from sim_models.perturbations import nominal_perturbations
 from sim_models.rollouts import RolloutPool

@@ -12,8 +12,8 @@ import pytest
 
 from controller.text import format_expression
 from evolve.engine import Individual
-from evolve.gep import gep
-from evolve.gep_chromosome import is_chromosome
+from evolve.gep.chromosome import is_chromosome
+from evolve.gep.engine import gep
 from evolve.settings import Settings
 from evolve.streams import Stream, generator
 

@@ -15,7 +15,7 @@ from controller.operations import OPERATIONS
 from controller.reference import run_program
 from controller.text import format_expression
 from controller.verifier import verify
-from evolve.gep_chromosome import (
+from evolve.gep.chromosome import (
     Chromosome,
     Layout,
     decode,
@@ -25,8 +25,8 @@ from evolve.gep_chromosome import (
     is_chromosome,
     parse_chromosome,
 )
+from evolve.gp.tree import Primitives
 from evolve.streams import Stream, generator
-from evolve.tree import Primitives
 
 # Ferreira's alphabet; her Q, the square root, is any function of one operand here
 SYMBOLS = dict(zip("Q+-*/abcd", ("sin", "+", "-", "*", "%", "a", "b", "c", "d"), strict=True))

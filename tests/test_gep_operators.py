@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from controller import lower
 from controller.verifier import verify
-from evolve.gep_chromosome import (
+from evolve.gep.chromosome import (
     Chromosome,
     Layout,
     decode,
@@ -19,7 +19,7 @@ from evolve.gep_chromosome import (
     is_chromosome,
     parse_chromosome,
 )
-from evolve.gep_operators import (
+from evolve.gep.operators import (
     exchange,
     insert,
     move_to_front,
@@ -33,8 +33,8 @@ from evolve.gep_operators import (
     transpose_to_root,
     tune_constant,
 )
+from evolve.gp.tree import Primitives
 from evolve.streams import Stream, generator
-from evolve.tree import Primitives
 
 LETTERS = "Q+-*/abc"
 PAPER = Primitives(("sin", "+", "-", "*", "%"), ("a", "b", "c"), 1.0)

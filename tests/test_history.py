@@ -11,8 +11,8 @@ import sqlite3
 import pytest
 
 from controller.errors import InputError, RunError
-from evolve.history import EvaluationRow, GenerationRow, History, open_history, ordered_dump
-from evolve.record import First, first_everywhere
+from evolve.runs.history import EvaluationRow, GenerationRow, History, open_history, ordered_dump
+from evolve.runs.record import First, first_everywhere
 
 GENERATION = GenerationRow(0, "draw", (0.1, 0.4), 0.5, 0.2, 0.3, 1, 8, 1.5)
 ROWS = [
@@ -112,7 +112,7 @@ def test_a_file_that_may_not_be_written_is_not_said_to_lack_room(tmp_path):
 
 
 def test_a_file_that_another_keeps_is_said_to_be_so(tmp_path, monkeypatch):
-    monkeypatch.setattr("evolve.history._BUSY_S", 0.01)
+    monkeypatch.setattr("evolve.runs.history._BUSY_S", 0.01)
     path = tmp_path / "history.sqlite"
     written(path, [GENERATION])
     with History(path) as history, open_history(path) as reader:

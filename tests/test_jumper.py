@@ -12,8 +12,9 @@ import pytest
 
 from controller import load_rig, lower, parse, save_controller
 from controller.native import run_cycle
-from evolve import RunConfig, apply_overrides, evolve, jumper, jumper_paper, load_task, ordered_dump
+from evolve import RunConfig, apply_overrides, evolve, load_task, ordered_dump
 from evolve.task import score
+from evolve.tasks import jumper, jumper_paper
 from evolve.template import controller_template
 from servolve.cli import main
 from sim_models.body import body_layout, build_model, settled_data

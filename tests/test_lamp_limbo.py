@@ -12,7 +12,7 @@ import pytest
 from controller import load_rig, parse_controller
 from evolve import load_task
 from evolve.evaluate import is_hit
-from evolve.lamp_limbo import POLE_RADIUS_SHARE, fitness
+from evolve.tasks.lamp_limbo import POLE_RADIUS_SHARE, fitness
 from servolve.cli import main
 from sim_models.body import body_layout, build_model, settled_data
 from sim_models.perturbations import nominal_perturbations

@@ -13,11 +13,11 @@ from controller import load_rig
 from evolve import load_task
 from evolve.decide import Candidate, candidates_of, front, hall_of_fame
 from evolve.evaluate import Evaluation
+from evolve.gp.tree_gp import tree_gp
 from evolve.objectives import crowding, fronts, pareto_ranks, points, worst_case
 from evolve.search import controller_of
 from evolve.settings import OBJECTIVES, Settings
 from evolve.template import controller_template
-from evolve.tree_gp import tree_gp
 from firmware_gen.unit import make_unit
 
 LATTICE = st.lists(st.tuples(*[st.integers(0, 4)] * 3), min_size=1, max_size=40).map(lambda rows: np.array(rows, float))

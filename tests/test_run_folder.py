@@ -10,7 +10,7 @@ import pytest
 
 from controller.errors import InputError
 from evolve.decide import Validation
-from evolve.run_folder import read_validation, validation_text
+from evolve.runs.run_folder import read_validation, validation_text
 
 GOOD = Validation(2, 0.25, 0.25, 0.5, 0.5, 0.5, 0.5, 0.0, 0.0, 1.5, 1, 0.02, 0.25, 0.01)
 LOST = dataclasses.replace(GOOD, mean_error_m=math.inf, main=math.inf)

@@ -18,9 +18,9 @@ from controller import format_source, load_controller
 from controller.errors import InputError
 from controller.source import Apply
 from evolve import RunConfig, apply_overrides, evolve, load_task
-from evolve.history import open_history
-from evolve.record import ancestors_of_each_generation, best_of, controllers_of, generation_summaries, lineage
-from evolve.run_folder import locked
+from evolve.runs.history import open_history
+from evolve.runs.record import ancestors_of_each_generation, best_of, controllers_of, generation_summaries, lineage
+from evolve.runs.run_folder import locked
 from servolve.cli import main
 from servolve.run_films import filmed_generations
 from servolve.run_report import read_record, run_report_html

@@ -11,7 +11,7 @@ import pytest
 
 import servolve.evolve
 from evolve import RunConfig, apply_overrides, evolve, load_task
-from evolve.history import FORMAT, SCHEMA
+from evolve.runs.history import FORMAT, SCHEMA
 
 PAGE = (Path(__file__).parent.parent / "docs" / "runs.md").read_text(encoding="utf-8")
 

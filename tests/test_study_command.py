@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from evolve.study_cells import make_cells, run_cells
-from evolve.study_papers import STUDIES
+from evolve.studies.cells import make_cells, run_cells
+from evolve.studies.papers import STUDIES
 from servolve.cli import main
 
 SEEDS = 4

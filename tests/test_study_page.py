@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from evolve.study_cells import Curve
-from evolve.study_papers import STUDIES
+from evolve.studies.cells import Curve
+from evolve.studies.papers import STUDIES
 from servolve.study_report import Finished, fragment, generations_csv, table_csv
 
 DOCS = Path(__file__).parent.parent / "docs"

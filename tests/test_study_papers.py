@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from evolve.study import level_settings
-from evolve.study_papers import STUDIES
+from evolve.studies.papers import STUDIES
+from evolve.studies.study import level_settings
 
 # Gritz & Hahn 1997, §4; Kwaśnicka & Woźniak, §5.1
 GRIDS = {

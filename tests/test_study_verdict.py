@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from evolve.study import Claim, Scale, Study, against, grid
+from evolve.studies.study import Claim, Scale, Study, against, grid
 from servolve.study_verdict import ALPHA, holm, judge, median_interval, overview
 
 TIGHT = np.array([-0.02, -0.01, 0.0, 0.01, 0.02])

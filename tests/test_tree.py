@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.source import Apply, Constant, Name
-from evolve.grow import grow_tree, ramped_half_and_half
-from evolve.streams import Stream, generator
-from evolve.tree import (
+from evolve.gp.grow import grow_tree, ramped_half_and_half
+from evolve.gp.tree import (
     Bounds,
     Primitives,
     Tree,
@@ -24,6 +23,7 @@ from evolve.tree import (
     to_source,
     within,
 )
+from evolve.streams import Stream, generator
 
 PRIMITIVES = Primitives(("+", "-", "*", "%", "ifltz"), ("t", "a0", "px"), 30.0)
 BOUNDS = Bounds(17, 200)

@@ -8,10 +8,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evolve.grow import ramped_half_and_half
+from evolve.gp.grow import ramped_half_and_half
+from evolve.gp.tree import Bounds, Primitives, genotype_key, is_tree, shape, subtree, within
+from evolve.gp.variation import cross_trees, crossover, mutate_constant, mutate_point, mutate_subtree, pick_node
 from evolve.streams import Stream, generator
-from evolve.tree import Bounds, Primitives, genotype_key, is_tree, shape, subtree, within
-from evolve.variation import cross_trees, crossover, mutate_constant, mutate_point, mutate_subtree, pick_node
 
 PRIMITIVES = Primitives(("+", "-", "*", "%", "ifltz"), ("t", "a0", "a1", "px"), 30.0)
 

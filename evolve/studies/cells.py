@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Final
 
 from controller.errors import InputError, RunError
-from evolve.history import open_history
-from evolve.run import RunConfig, evolve, resume
-from evolve.run_file import load_again, read_run_file, versions
-from evolve.run_folder import HISTORY, RUN
+from evolve.runs.history import open_history
+from evolve.runs.run import RunConfig, evolve, resume
+from evolve.runs.run_file import load_again, read_run_file, versions
+from evolve.runs.run_folder import HISTORY, RUN
 from evolve.settings import Settings
-from evolve.study import Level, Scale, Study, level_settings, study_task
+from evolve.studies.study import Level, Scale, Study, level_settings, study_task
 
 CELLS: Final = "cells"
 _LOCK: Final = "study.lock"

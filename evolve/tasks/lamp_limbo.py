@@ -7,10 +7,10 @@ import dataclasses
 import mujoco
 import numpy as np
 
-from evolve import lamp_paper, lamp_robust
 from evolve.evaluate import REST_M_S
 from evolve.settings import Settings
 from evolve.task import FloatArray, StopConditions, Task
+from evolve.tasks import lamp_paper, lamp_robust
 from sim_models.rollouts import Rollouts
 from sim_models.standing import standing_height
 

@@ -12,9 +12,9 @@ from controller import Controller, load_controller
 from controller.errors import InputError
 from evolve.engine import Individual
 from evolve.engines import make_engine
-from evolve.history import open_history
-from evolve.run_file import load_again, read_run_file
-from evolve.run_folder import BEST, HISTORY, VALIDATION
+from evolve.runs.history import open_history
+from evolve.runs.run_file import load_again, read_run_file
+from evolve.runs.run_folder import BEST, HISTORY, VALIDATION
 from evolve.search import controller_of
 from evolve.template import controller_template
 

@@ -16,7 +16,6 @@ from controller import Controller, Rig, load_controller, load_rig, program_hash
 from controller.controller_file import controller_text
 from controller.errors import InputError
 from controller.native import run_cycle
-from evolve.checkpoint import Checkpoint, evaluation_rows, generation_row, outcome_rows, read_checkpoint
 from evolve.conditions import Conditions, draw_conditions, pick
 from evolve.decide import (
     Candidate,
@@ -34,9 +33,10 @@ from evolve.decide import (
 from evolve.engine import Individual
 from evolve.evaluate import Cache, evaluate
 from evolve.held_out import condition_rows
-from evolve.history import GenerationRow, History, open_history
-from evolve.run_file import begin_run_file, check_versions, load_again, read_run_file, versions
-from evolve.run_folder import (
+from evolve.runs.checkpoint import Checkpoint, evaluation_rows, generation_row, outcome_rows, read_checkpoint
+from evolve.runs.history import GenerationRow, History, open_history
+from evolve.runs.run_file import begin_run_file, check_versions, load_again, read_run_file, versions
+from evolve.runs.run_folder import (
     BEST,
     HISTORY,
     PARETO,
@@ -49,7 +49,7 @@ from evolve.run_folder import (
     validation_text,
     write_whole,
 )
-from evolve.run_plan import Plan, RunConfig, make_plan, open_pool, open_screen
+from evolve.runs.run_plan import Plan, RunConfig, make_plan, open_pool, open_screen
 from evolve.search import Generation, ask, tell
 from evolve.settings import Settings
 from evolve.streams import Stream, generator

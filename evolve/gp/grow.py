@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from evolve.tree import Bounds, Genotype, Primitives, Tree, genotype_key
+from evolve.gp.tree import Bounds, Genotype, Primitives, Tree, genotype_key
 
 _DISTINCT_TRIES_MAX = 100
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from evolve import jumper_paper
 from evolve.task import FloatArray, Settings, Task
+from evolve.tasks import jumper_paper
 from sim_models.rollouts import Rollouts
 
 _HOPS = 2  # so many are hopping

@@ -15,7 +15,7 @@ import numpy as np
 
 from controller.source import Source
 from evolve.engine import Choose, Individual
-from evolve.gep_chromosome import (
+from evolve.gep.chromosome import (
     Chromosome,
     Layout,
     decode,
@@ -24,7 +24,7 @@ from evolve.gep_chromosome import (
     format_chromosome,
     parse_chromosome,
 )
-from evolve.gep_operators import (
+from evolve.gep.operators import (
     mutate,
     mutate_constants,
     recombine_at_one_point,
@@ -35,9 +35,9 @@ from evolve.gep_operators import (
     transpose_to_root,
     tune_constant,
 )
+from evolve.gp.tree import Primitives
+from evolve.gp.tree_gp import FUNCTIONS
 from evolve.settings import Settings
-from evolve.tree import Primitives
-from evolve.tree_gp import FUNCTIONS
 
 _COPIED = "reproduction"
 

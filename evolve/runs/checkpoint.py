@@ -16,7 +16,7 @@ from controller.errors import InputError
 from evolve.decide import Candidate
 from evolve.engine import Engine, Individual
 from evolve.evaluate import Cache, Outcome
-from evolve.history import EvaluationRow, GenerationRow, Outcomes, open_history
+from evolve.runs.history import EvaluationRow, GenerationRow, Outcomes, open_history
 from evolve.search import Generation, controller_of
 from evolve.settings import Settings
 

@@ -18,7 +18,7 @@ import numpy as np
 from controller import Rig, load_rig
 from controller.errors import InputError
 from controller.rig_file import rig_names
-from evolve.run_folder import RUN, run_text, write_whole
+from evolve.runs.run_folder import RUN, run_text, write_whole
 from evolve.settings import Settings, check
 from evolve.streams import RNG_NAME
 from evolve.task import Task, load_task

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from evolve.gep_chromosome import Chromosome, Layout, draw_symbols, expressed
-from evolve.variation import nudge
+from evolve.gep.chromosome import Chromosome, Layout, draw_symbols, expressed
+from evolve.gp.variation import nudge
 
 
 def mutate(rng: np.random.Generator, layout: Layout, parent: Chromosome, rate: float) -> Chromosome | None:

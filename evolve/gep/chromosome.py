@@ -18,7 +18,7 @@ import numpy.typing as npt
 from controller.decimals import format_decimal, parse_decimal
 from controller.errors import InputError
 from controller.source import Apply, Constant, Expression, Source
-from evolve.tree import Primitives
+from evolve.gp.tree import Primitives
 
 _BAR = "|"  # between head and tail in a chromosome's text
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from evolve.study import Claim, Level, Scale, Study, against, grid
+from evolve.studies.study import Claim, Level, Scale, Study, against, grid
 
 _LAMP_MARGIN: Final = 0.2
 _JUMPER_MARGIN: Final = 0.1  # 0.96 and 0.95 are "best", 0.32 and 0.34 fail

@@ -11,10 +11,10 @@ from controller import format_source, parse
 from controller.errors import InputError
 from controller.source import Source
 from evolve.engine import Choose, Individual
-from evolve.grow import ramped_half_and_half
+from evolve.gp.grow import ramped_half_and_half
+from evolve.gp.tree import Bounds, Genotype, Primitives, from_source, to_source
+from evolve.gp.variation import crossover, mutate_constant, mutate_point, mutate_subtree
 from evolve.settings import Settings
-from evolve.tree import Bounds, Genotype, Primitives, from_source, to_source
-from evolve.variation import crossover, mutate_constant, mutate_point, mutate_subtree
 
 FUNCTIONS = ("+", "-", "*", "%", "ifltz")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from evolve import lamp_paper
 from evolve.task import FloatArray, Settings, Task
+from evolve.tasks import lamp_paper
 from sim_models.rollouts import Rollouts
 
 

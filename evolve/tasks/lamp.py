@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from evolve import lamp_paper
-from evolve.lamp_robust import TASK as ROBUST
 from evolve.task import Settings, Task
+from evolve.tasks import lamp_paper
+from evolve.tasks.lamp_robust import TASK as ROBUST
 
 TASK = Task(
     name="lamp",

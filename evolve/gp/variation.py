@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from evolve.grow import draw_constant, grow_tree, leaf, same_arity
-from evolve.tree import Bounds, Genotype, Primitives, Shape, Tree, replace_subtree, shape, subtree
+from evolve.gp.grow import draw_constant, grow_tree, leaf, same_arity
+from evolve.gp.tree import Bounds, Genotype, Primitives, Shape, Tree, replace_subtree, shape, subtree
 
 _INNER_SHARE = 0.9  # of crossover points that are functions (Koza 1992, §6.4.1)
 _MUTANT_DEPTH = 4

@@ -1,0 +1,1 @@
+"""Tree genetic programming: genotypes, their growth and their variation."""

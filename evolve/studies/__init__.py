@@ -1,0 +1,1 @@
+"""The papers' convergence experiments, run again."""

@@ -1,0 +1,1 @@
+"""The tasks that have names, each in a file as a user would write it."""
