@@ -6,12 +6,42 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
+from served_rig import serve
 
 from controller.operations import OPERATIONS
 from controller.source import Apply, Constant, Last, Name, Source
 
 settings.register_profile("servolve", derandomize=True, deadline=None)
 settings.load_profile("servolve")
+
+STEPS_SHORT, STEPS_LONG = 1_000, 10_000
+
+
+def pytest_addoption(parser):
+    group = parser.getgroup("servolve")
+    group.addoption("--long", action="store_true", help="random masters: ten times the steps")
+    group.addoption("--fuzz-seconds", type=float, default=0.0, help="mutate bytes for so long; left out: a short form")
+
+
+@pytest.fixture(scope="session")
+def machine_steps(request):
+    """Return how many steps a random master takes."""
+    return STEPS_LONG if request.config.getoption("--long") else STEPS_SHORT
+
+
+@pytest.fixture
+def serve_rig(tmp_path):
+    """Return a function that serves a rig from another process: see `served_rig.serve`."""
+    processes = []
+
+    def start(rig, *arguments):
+        processes.append(serve(tmp_path, rig, *arguments))
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+
 
 TERMINALS = ("t", "a0", "a1", "px")
 DEFINITIONS = ("n0", "n1", "n2")

@@ -2,25 +2,18 @@
 
 import json
 import os
-import queue
-import re
 import signal
 import subprocess
-import sys
 import termios
-import threading
-from pathlib import Path
 
 import pytest
-from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+from served_rig import read_bytes, servolve
 
 from controller import load_rig
 from deploy.log import read_log
 from deploy.replay import replay
 
 RIG = load_rig("lamp-xc330")
-TORQUE_ENABLE = 64
-WAIT_S = 60.0  # for a machine under load; nothing here is measured
 
 CONTROLLER = """
 program = "(list (* 8 (osc-wave 0.5 0)) (* 0.1 px) 0)"
@@ -38,73 +31,14 @@ high = 2
 )
 
 
-class Process:
-    """A servolve command in a process of its own, with its output line by line."""
-
-    def __init__(self, *arguments, stdin=subprocess.DEVNULL):
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", "import sys; from servolve.cli import main; sys.exit(main())", *arguments],
-            stdin=stdin,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-            cwd=Path(__file__).parent.parent,
-        )
-        self.lines = queue.Queue()
-        self.told = []
-        self.readers = [
-            threading.Thread(target=self._read, args=(stream,), daemon=True)
-            for stream in (self.process.stdout, self.process.stderr)
-        ]
-        for reader in self.readers:
-            reader.start()
-
-    def _read(self, stream):
-        for line in stream:
-            self.lines.put(line.rstrip())
-        self.lines.put(None)
-
-    def wait_for(self, pattern):
-        """Return the match of the first line that has the pattern."""
-        while True:
-            line = self.lines.get(timeout=WAIT_S)
-            if line is None:
-                pytest.fail(f"no line with '{pattern}' among {self.told}")
-            self.told.append(line)
-            found = re.search(pattern, line)
-            if found:
-                return found
-
-    def end(self):
-        """Wait for the end; return the exit status and all lines."""
-        status = self.process.wait(WAIT_S)
-        for reader in self.readers:
-            reader.join(WAIT_S)
-        while not self.lines.empty():
-            self.told.append(self.lines.get())
-        return status, [line for line in self.told if line is not None]
-
-    def kill(self):
-        self.process.kill()
-        self.process.wait()
-
-
 @pytest.fixture
-def server(tmp_path):
-    process = Process(
-        "rig", "serve", "lamp-xc330", "--link", f"{tmp_path}/bus", "--sensor-link", f"{tmp_path}/sensors", "--tcp", "0"
-    )
-    try:
-        process.tcp = process.wait_for(r"socket://\S+")[0]
-        yield process
-    finally:
-        process.kill()
+def server(serve_rig):
+    return serve_rig(RIG.name)
 
 
 def deploy(tmp_path, port, *arguments, seconds="60", log="run.mcap", stdin=subprocess.DEVNULL):
     (tmp_path / "sway.controller.toml").write_text(CONTROLLER)
-    return Process(
+    return servolve(
         *("deploy", f"{tmp_path}/sway.controller.toml", "--rig", "lamp-xc330", "--port", port),
         *("--sensor-port", f"{tmp_path}/sensors", "--log", f"{tmp_path}/{log}", "--seconds", seconds, *arguments),
         stdin=stdin,
@@ -118,20 +52,7 @@ def json_object(told):
 
 
 def torque(path):
-    """Read every servo's torque register with the vendor's own client."""
-    port, packets = PortHandler(str(path)), PacketHandler(2.0)
-    assert port.setBaudRate(RIG.bus.baud)
-    try:
-        found = []
-        for joint in RIG.joints:
-            for _ in range(20):  # the SDK's own time-outs do not know a busy machine
-                value, result, _ = packets.read1ByteTxRx(port, joint.id, TORQUE_ENABLE)
-                if result == COMM_SUCCESS:
-                    found.append(value)
-                    break
-        return found
-    finally:
-        port.closePort()
+    return read_bytes(path, RIG)
 
 
 def sentences(told):

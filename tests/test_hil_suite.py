@@ -1,51 +1,17 @@
 """The suite for any rig, put to a served one: what it refuses, and that torque is off however it ends."""
 
-import os
 import re
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
-from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+from served_rig import POLITE, ROOT, WAIT_S, read_bytes
 
 from controller import load_rig
 
 RIG = load_rig("lamp-xc330")
-ROOT = Path(__file__).parent.parent
-TORQUE_ENABLE = 64
-WAIT_S = 60.0  # for a machine under load; nothing here is measured
-POLITE = {**os.environ, "PYTHONUNBUFFERED": "1"}
-
-
-@pytest.fixture
-def serve(tmp_path):
-    """Return a function that serves a rig in a process of its own and gives its bus and its sensor node."""
-    processes = []
-
-    def start(*arguments):
-        bus, node = tmp_path / "bus", tmp_path / "node"
-        command = "import sys; from servolve.cli import main; sys.exit(main())"
-        process = subprocess.Popen(
-            [sys.executable, "-c", command, "rig", "serve", RIG.name, "--link", bus, "--sensor-link", node, *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env=POLITE,
-        )
-        processes.append(process)
-        for line in process.stdout:
-            if str(node) in line:
-                return bus, node
-        return pytest.fail("the rig is not served")
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.wait()
-        process.stdout.close()
 
 
 def suite(*arguments):
@@ -59,26 +25,9 @@ def suite(*arguments):
     )
 
 
-def registers_of(path, address):
-    """Read a one-byte register of every servo with the vendor's own client."""
-    port, packets = PortHandler(str(path)), PacketHandler(2.0)
-    assert port.setBaudRate(RIG.bus.baud)
-    try:
-        found = []
-        for joint in RIG.joints:
-            for _ in range(20):  # the SDK's own time-outs do not know a busy machine
-                value, result, _ = packets.read1ByteTxRx(port, joint.id, address)
-                if result == COMM_SUCCESS:
-                    found.append(value)
-                    break
-        return found
-    finally:
-        port.closePort()
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_in_mid_test_leaves_no_torque(serve, number):
-    bus, _ = serve()
+def test_a_signal_in_mid_test_leaves_no_torque(serve_rig, number):
+    bus = serve_rig(RIG.name).bus
     run = suite("--port", bus, "--rig-file", RIG.name, "--arm", "-k", "step")
     try:
         told = ""
@@ -91,19 +40,19 @@ def test_a_signal_in_mid_test_leaves_no_torque(serve, number):
         run.kill()
     assert run.returncode == pytest.ExitCode.INTERRUPTED
     assert f"{number.name} was received" in told
-    assert registers_of(bus, TORQUE_ENABLE) == [0, 0, 0]
+    assert read_bytes(bus, RIG) == [0, 0, 0]
 
 
-def test_servos_are_tested_without_a_sensor_node(serve):
-    bus, _ = serve()
+def test_servos_are_tested_without_a_sensor_node(serve_rig):
+    bus = serve_rig(RIG.name).bus
     run = suite("--port", bus, "--rig-file", RIG.name, "--arm", "-k", "right_one or gain or locked or after_all")
     told, _ = run.communicate(timeout=WAIT_S)
     assert run.returncode == 0, told
     assert "4 passed" in told
 
 
-def test_a_rig_that_is_not_the_one_is_left_alone(serve):
-    bus, _ = serve()
+def test_a_rig_that_is_not_the_one_is_left_alone(serve_rig):
+    bus = serve_rig(RIG.name).bus
     run = suite("--port", bus, "--rig-file", "lamp-xl330", "--arm")
     told, _ = run.communicate(timeout=WAIT_S)
     assert run.returncode == pytest.ExitCode.TESTS_FAILED
