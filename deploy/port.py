@@ -122,6 +122,7 @@ class SerialPort(PortHandler):
         self.baudrate = baud
         self.label = path
         self.tap: Tap | None = None
+        self.sent = b""
         self.latency_s = _latency_s(path)
         self.byte_s = BITS_PER_BYTE / baud
         self._serial: Any = None
@@ -197,6 +198,8 @@ class SerialPort(PortHandler):
 
     def readPort(self, length: int) -> bytes:
         """Return up to length bytes; wait for the first until the deadline."""
+        if length <= 0:  # the SDKs ask so where a packet says that it is shorter than any
+            return b""
         if not self._buffer and self.wait(self._deadline):
             self._take()
         taken = bytes(self._buffer[:length])
@@ -205,7 +208,7 @@ class SerialPort(PortHandler):
 
     def writePort(self, packet: list[int] | bytes) -> int:
         """Send a packet; return how many bytes went out."""
-        frame = bytes(packet)
+        frame = self.sent = bytes(packet)
         if self.tap:
             self.tap("tx", self.now(), frame)
         try:

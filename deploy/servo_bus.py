@@ -89,9 +89,20 @@ def open_bus(port: SerialPort, rig: Rig) -> ServoBus:
     Raises:
         InputError: the vendor's SDK is missing, or another package stands in its place
     """
+    delay_s = 1e-6 * rig.bus.return_delay_us
+    protocol: str = rig.bus.protocol
+    # each SDK is imported where it is needed, for nobody needs all of them
+    if protocol == "dynamixel-1.0":
+        from deploy.dynamixel1_bus import Dynamixel1Bus
+
+        return Dynamixel1Bus(port, delay_s)
+    if protocol.startswith("feetech-"):
+        from deploy.feetech_bus import FeetechBus
+
+        return FeetechBus(port, delay_s, "sts" if protocol == "feetech-sts" else "scs")
     from deploy.dynamixel_bus import DynamixelBus
 
-    return DynamixelBus(port, 1e-6 * rig.bus.return_delay_us)
+    return DynamixelBus(port, delay_s)
 
 
 class ServoBus(ABC):
@@ -106,7 +117,7 @@ class ServoBus(ABC):
     """Bytes of a status packet without data."""
     stuffing_bytes: ClassVar[int]
     """Bytes that stuffing may add to one; an estimate that only moves deadlines."""
-    has_sync_read: ClassVar[bool]
+    has_sync_read: bool
     """Whether one question can ask several servos; else they are asked one by one."""
 
     def __init__(self, port: SerialPort, return_delay_s: float = 0.0) -> None:

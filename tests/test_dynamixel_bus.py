@@ -1,11 +1,13 @@
 """The bus adapter: each defect of the vendor's SDK, shown on the SDK itself, and the fence that keeps it out."""
 
 import pytest
+import scripted_port
 from dynamixel_sdk import GroupSyncRead, PacketHandler
 from dynamixel_sdk.port_handler import PortHandler
 from dynamixel_sdk.robotis_def import COMM_PORT_BUSY, COMM_RX_TIMEOUT, COMM_SUCCESS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scripted_port import BAUD, ScriptedPort, replies
 
 from controller import load_rig, registers
 from controller.errors import InputError
@@ -21,63 +23,8 @@ from deploy.virtual.rig import VirtualRig
 RIG = load_rig("lamp-xc330")
 TABLE = registers(RIG.joints[0].product)
 POSITION = TABLE["present_position"]
-BAUD = 1_000_000
 
-
-class ScriptedPort(SerialPort):
-    """The port over a real pseudo terminal, with a script at the other end and time that only waiting moves."""
-
-    def __init__(self, answer):
-        self.line = PtyLine()
-        self.time = 0.0
-        self.answer = answer
-        self.sent = []
-        self.coming = []
-        super().__init__(self.line.path, BAUD)
-        self.latency_s = 0.002
-
-    def now(self):
-        return self.time
-
-    def wait(self, deadline):
-        while not self.waiting():
-            if not self.coming or self.coming[0][0] > deadline:
-                self.time = max(self.time, deadline)
-                return False
-            at, data = self.coming.pop(0)
-            self.time = max(self.time, at)
-            self.line.write_through(data)
-        return True
-
-    def writePort(self, packet):  # noqa: N802
-        count = super().writePort(packet)
-        frame = self.line.read(count)
-        self.sent.append(frame)
-        self.coming = sorted(self.coming + [(self.time + delay, data) for delay, data in self.answer(frame)])
-        return count
-
-    def closePort(self):  # noqa: N802
-        super().closePort()
-        self.line.close()
-
-
-@pytest.fixture
-def scripted():
-    """Return a function that opens a port whose other end answers as told; the ports are closed afterwards."""
-    ports = []
-
-    def open_port(answer):
-        ports.append(ScriptedPort(answer))
-        return ports[-1]
-
-    yield open_port
-    for port in ports:
-        port.closePort()
-
-
-def replies(*frames, delay=1e-4):
-    """Answer every question with the same frames."""
-    return lambda _: [(delay, b"".join(frames))]
+scripted = scripted_port.scripted
 
 
 def status(servo, data=b"", error=0):
@@ -108,17 +55,17 @@ def position(count):
 def test_packets_are_the_manuals(scripted, ask, frame):
     port = scripted(lambda _: [])
     ask(DynamixelBus(port))
-    assert port.sent[0] == bytes.fromhex(frame)
+    assert port.sent_frames[0] == bytes.fromhex(frame)
 
 
 def test_what_is_sent_is_stuffed(scripted):
     data = bytes.fromhex("FFFFFD01")
     bare = scripted(lambda _: [])
     PacketHandler(2.0).writeTxOnly(bare, 1, 116, 4, list(data))
-    assert bytes.fromhex("FFFFFDFD") not in bare.sent[0]  # the SDK's packet holds a header in its middle
+    assert bytes.fromhex("FFFFFDFD") not in bare.sent_frames[0]  # the SDK's packet holds a header in its middle
     fenced = scripted(lambda _: [])
     DynamixelBus(fenced).write(1, 116, data)
-    assert fenced.sent[0] == dxl.encode(1, dxl.WRITE, bytes((116, 0)) + data)
+    assert fenced.sent_frames[0] == dxl.encode(1, dxl.WRITE, bytes((116, 0)) + data)
 
 
 # what is received
@@ -139,7 +86,7 @@ def test_any_data_arrive_as_they_were_sent(scripted_port, data):
     assert (reply.status, reply.data) == ("data", data)
     scripted_port.answer = replies(status(1))
     DynamixelBus(scripted_port).write(1, 208, data)
-    assert scripted_port.sent[-1] == dxl.encode(1, dxl.WRITE, bytes((208, 0)) + data)
+    assert scripted_port.sent_frames[-1] == dxl.encode(1, dxl.WRITE, bytes((208, 0)) + data)
 
 
 @pytest.fixture(scope="module")
