@@ -66,22 +66,22 @@ def _rad_s(rev_min: float) -> float:
 
 
 _E_MANUAL = "ROBOTIS e-Manual: _data/dxl_x_info.yml@0028038 (specifications at 5 V), docs/en/dxl/x/"
-_X330_LAW = (
+_X_LAW = (
     "; P / 128 and D / 16 a control tick from _includes/en/dxl/control_table_position_pid_gain.md@01a2df1, the"
     " tick taken as 1 ms (not published); velocity P / 128 from _includes/en/dxl/control_table_velocity_pi_gain.md;"
     " velocity unit from the SDK's .model file (the manual's 0.229 rev/min is"
     " its rounding); armature, friction and damping are estimates until identified on hardware"
 )
 _X330_BACKLASH = math.radians(0.25)  # the manual gives none: taken as the XM430's, an estimate
-_X430_LAW = _X330_LAW.replace("armature, friction", "armature (as the square of the gear ratio), friction")
 _POT_TURN = 1024 * 360.0 / 300.0  # counts of a potentiometer that shows 300 degrees as 0 to 1023
 _STS_P_DIVISOR = 4096.0 / (2.0 * math.pi) / (0.1649 * 1000.0)
 _SCS_P_DIVISOR = _STS_P_DIVISOR / 4.0
 _STS_LAW = (
     "; duty = P * 0.1649 per rad of error measured with the motor leads apart (kscalelabs/sysid,"
     " data/feetech/STS_3215_12V), 1.5 % from P / 4 PWM counts per tick; D (as P, a control tick of 1 ms) and"
-    " velocity P are estimates: no source says what they mean; speed unit 1 step/s (register table); armature, friction"
-    " and damping are estimates"
+    " velocity P are estimates: no source says what they mean; speed unit 1 step/s (register table); armature and dry"
+    " friction as TheRobotStudio/SO-ARM100's SO-101 MJCF has them for the C001; damping is an estimate (its 0.60 is"
+    " back-EMF)"
 )
 
 PRODUCTS: Mapping[str, Product] = MappingProxyType(
@@ -109,7 +109,7 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 armature_kg_m2=0.0005,
                 friction_loss_nm=0.015,
                 damping_nms_rad=0.002,
-                source=_E_MANUAL + "xc330-m181.md@01ba971" + _X330_LAW,
+                source=_E_MANUAL + "xc330-m181.md@01ba971" + _X_LAW,
             ),
             Product(
                 name="xl330-m288",
@@ -132,7 +132,7 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 armature_kg_m2=0.0005,
                 friction_loss_nm=0.015,
                 damping_nms_rad=0.002,
-                source=_E_MANUAL + "xl330-m288.md@028a13d" + _X330_LAW,
+                source=_E_MANUAL + "xl330-m288.md@028a13d" + _X_LAW,
             ),
             Product(
                 name="xl430-w250",
@@ -152,12 +152,12 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 d_divisor=16000.0,
                 velocity_p_divisor=128.0,
                 backlash_rad=math.radians(0.25),
-                armature_kg_m2=0.004,
+                armature_kg_m2=0.008,
                 friction_loss_nm=0.03,
                 damping_nms_rad=0.005,
                 source=_E_MANUAL.replace("5 V", "11.1 V")
                 + "xl430-w250.md@00a4b78; backlash taken as the XM430's, an estimate"
-                + _X430_LAW,
+                + _X_LAW,
             ),
             Product(
                 name="xm430-w350",
@@ -177,10 +177,10 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 d_divisor=16000.0,
                 velocity_p_divisor=128.0,
                 backlash_rad=math.radians(0.25),
-                armature_kg_m2=0.006,
+                armature_kg_m2=0.010,
                 friction_loss_nm=0.05,
                 damping_nms_rad=0.01,
-                source=_E_MANUAL.replace("5 V", "12 V") + "xm430-w350.md@07fe860; backlash 15'" + _X430_LAW,
+                source=_E_MANUAL.replace("5 V", "12 V") + "xm430-w350.md@07fe860; backlash 15'" + _X_LAW,
             ),
             Product(
                 name="ax-12a",
@@ -200,7 +200,7 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 d_divisor=0.0,
                 velocity_p_divisor=0.0,
                 backlash_rad=math.radians(0.5),
-                armature_kg_m2=0.004,
+                armature_kg_m2=0.008,
                 friction_loss_nm=0.04,
                 damping_nms_rad=0.01,
                 source="ROBOTIS e-Manual: docs/en/dxl/ax/ax-12a.md@07fe860 (at 12 V); a count is 300/1024"
@@ -224,9 +224,9 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 d_divisor=1000.0 * _STS_P_DIVISOR,
                 velocity_p_divisor=10.0,
                 backlash_rad=math.radians(0.5),
-                armature_kg_m2=0.01,
-                friction_loss_nm=0.06,
-                damping_nms_rad=0.02,
+                armature_kg_m2=0.028,
+                friction_loss_nm=0.052,
+                damping_nms_rad=0.01,
                 source="STS3215-C018 (gears 1:345), 30 kg cm and 0.222 s / 60 degrees at 12 V: seller's pages; stall"
                 " current from memory; backlash as specified, at most 0.5 degrees (0.87 to 1.0 measured by users)"
                 + _STS_LAW,
@@ -249,9 +249,9 @@ PRODUCTS: Mapping[str, Product] = MappingProxyType(
                 d_divisor=1000.0 * _STS_P_DIVISOR,
                 velocity_p_divisor=10.0,
                 backlash_rad=math.radians(0.5),
-                armature_kg_m2=0.01,
-                friction_loss_nm=0.06,
-                damping_nms_rad=0.02,
+                armature_kg_m2=0.028,
+                friction_loss_nm=0.052,
+                damping_nms_rad=0.01,
                 source="STS3215-C001 (gears 1:345), 19.5 kg cm and 52 rev/min at 7.4 V: seller's pages; stall current"
                 " taken as the C018's, an estimate; its model number is the C018's; backlash as the C018's" + _STS_LAW,
             ),
