@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from controller.families import Family, family_of
 from controller.products import IDEAL, Product
 
 
@@ -13,7 +15,7 @@ from controller.products import IDEAL, Product
 class Joint:
     """Describe one servo joint.
 
-    The product of a joint without a servo is `IDEAL`; its register values are 0.
+    The product of a joint without a servo is `IDEAL`; it has no gains.
 
     Args:
         name: joint name, also the terminal of its angle and the name of its output
@@ -25,15 +27,11 @@ class Joint:
         low_rad: lower limit of the angle, -inf for an unlimited joint [rad]
         high_rad: upper limit of the angle, inf for an unlimited joint [rad]
         neutral_rad: angle at rest, where homing goes [rad]
-        p_gain: position P gain register value that the loop writes and reads back
-        i_gain: position I gain register value
-        d_gain: position D gain register value
-        pwm_limit: torque ceiling as the servo's own PWM limit register value
+        gains: register name => count of the gains of its mode, which the loop writes and reads back
+        ceiling: torque ceiling in counts of the register that sets it; all there is for a servo that has none
         mode: what is commanded, the joint's angle or its velocity
         unlimited: whether the joint may turn for ever
         speed_rad_s_max: fastest velocity that may be commanded, for mode "velocity" [rad/s]
-        velocity_p_gain: velocity P gain register value, for mode "velocity"
-        velocity_i_gain: velocity I gain register value, for mode "velocity"
     """
 
     name: str
@@ -45,20 +43,56 @@ class Joint:
     low_rad: float
     high_rad: float
     neutral_rad: float
-    p_gain: int
-    i_gain: int
-    d_gain: int
-    pwm_limit: int
+    gains: Mapping[str, int] = field(hash=False)
+    ceiling: int
     mode: Literal["position", "velocity"] = "position"
     unlimited: bool = False
     speed_rad_s_max: float = 0.0
-    velocity_p_gain: int = 0
-    velocity_i_gain: int = 0
 
     @property
     def ideal(self) -> bool:
         """Return whether no servo drives it, but the actuator of the body's MJCF."""
         return self.product == IDEAL
+
+    @property
+    def family(self) -> Family:
+        """Return the family of its servo."""
+        return family_of(self.product)
+
+    @property
+    def p_gain(self) -> int:
+        """Return the position P gain, 0 for a servo or mode without one."""
+        return self._gain("position", "p_gain")
+
+    @property
+    def i_gain(self) -> int:
+        """Return the position I gain, 0 for a servo or mode without one."""
+        return self._gain("position", "i_gain")
+
+    @property
+    def d_gain(self) -> int:
+        """Return the position D gain, 0 for a servo or mode without one."""
+        return self._gain("position", "d_gain")
+
+    @property
+    def velocity_p_gain(self) -> int:
+        """Return the velocity P gain, 0 for a servo or mode without one."""
+        return self._gain("velocity", "velocity_p_gain")
+
+    @property
+    def velocity_i_gain(self) -> int:
+        """Return the velocity I gain, 0 for a servo or mode without one."""
+        return self._gain("velocity", "velocity_i_gain")
+
+    @property
+    def pwm_limit(self) -> int:
+        """Return the torque ceiling."""
+        return self.ceiling
+
+    def _gain(self, mode: Literal["position", "velocity"], key: str) -> int:
+        if self.ideal:
+            return 0
+        return self.gains.get(self.family.gains.get(mode, {}).get(key, ("",))[0], 0)
 
 
 @dataclass(frozen=True)
@@ -96,12 +130,12 @@ class Bus:
     """Describe the servo bus.
 
     Args:
-        protocol: wire protocol; "none": the rig exists in simulation only
+        protocol: wire protocol, of Feetech's with its series; "none": the rig exists in simulation only
         baud: bits per second; 0 without a bus
         return_delay_us: status return delay of every servo, as its EEPROM must hold [us]
     """
 
-    protocol: Literal["dynamixel-2.0", "none"]
+    protocol: Literal["dynamixel-2.0", "dynamixel-1.0", "feetech-sts", "feetech-scs", "none"]
     baud: int
     return_delay_us: int
 
@@ -120,7 +154,7 @@ class Safety:
         voltage_low_v: stop below this supply voltage [V]
         tilt_rad_max: stop when the base tilts more than this [rad]; 0: never
         overrun_cycles_max: periods in a row that may overrun
-        watchdog_s: bus watchdog of the servos [s]
+        watchdog_s: bus watchdog of the servos, 0: none [s]
     """
 
     stop: Literal["off", "hold"]

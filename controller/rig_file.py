@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Final, Literal, cast
 
 from controller.errors import InputError
-from controller.registers import X330_BAUD, registers
+from controller.families import FAMILIES
+from controller.registers import registers
 from controller.rig import Bus, Joint, Rig, Safety
 from controller.rig_joints import PROTOCOL_FAMILIES, read_joints
 from controller.rig_sensors import read_sensors
@@ -19,8 +20,8 @@ from controller.toml_table import Table, parse_toml, read_toml
 RAW_CHANNEL_MAX: Final = 128
 """`SV_RAW_MAX` of `runtime/sv_cycle.h`."""
 
-# bytes of Dynamixel 2.0 packets with nothing in them, and of the blocks that are read and written in every period
-_SYNC_BYTES, _STATUS_BYTES, _STATE_BYTES, _GOAL_BYTES = 14, 11, 10, 4
+# protocol: bytes of packets with nothing in them: a sync read or write, a status, a read of one servo
+_PACKET_BYTES: Final = {"dynamixel-2.0": (14, 11, 14), "dynamixel-1.0": (8, 6, 8), "feetech": (8, 6, 8)}
 
 _NO_BUS: Final = Bus(protocol="none", baud=0, return_delay_us=0)
 _NO_SAFETY: Final = Safety("off", 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0, 0, 0.0)
@@ -116,7 +117,8 @@ def _rig(top: Table, path: Path, body_needed: bool) -> Rig:
     else:
         supply_v = head.positive("supply_v")
         _check_supply(head, joints)
-        _check_traffic(head, bus, len(joints), period_s)
+        _check_baud(top.table("bus"), bus, joints)
+        _check_traffic(head, bus, joints, period_s)
         safety = _safety(top.table("safety"), period_s, supply_v, joints)
     sensors = read_sensors(top, joints, period_s if bus.protocol == "none" else None)
     if 3 * len(joints) + len(sensors) > RAW_CHANNEL_MAX:
@@ -142,15 +144,19 @@ def _facing(head: Table, joints: Sequence[Joint]) -> str | None:
 
 def _bus(table: Table) -> Bus:
     table.refuse_unknown(field.name for field in fields(Bus))
-    protocol = cast(Literal["dynamixel-2.0", "none"], table.text_value("protocol", PROTOCOL_FAMILIES))
+    protocol = cast(
+        Literal["dynamixel-2.0", "dynamixel-1.0", "feetech-sts", "feetech-scs", "none"],
+        table.text_value("protocol", PROTOCOL_FAMILIES),
+    )
     if protocol == "none":
         for key in ("baud", "return_delay_us"):
             if key in table.values:
                 table.fail(key, f'{key} means nothing with protocol = "none"; remove it')
         return _NO_BUS
     baud = table.integer("baud", 1, 2**31 - 1)
-    if baud not in X330_BAUD.values():
-        offered = ", ".join(str(rate) for rate in X330_BAUD.values())
+    rates = {rate for name in PROTOCOL_FAMILIES[protocol] for rate in FAMILIES[name].bauds.values()}
+    if baud not in rates:
+        offered = ", ".join(str(rate) for rate in sorted(rates))
         table.fail("baud", f"baud {baud} is not offered by {protocol} servos; choose one of {offered}")
     delay_us = table.integer("return_delay_us", 0, 508)
     if delay_us % 2:
@@ -163,6 +169,9 @@ def _bus(table: Table) -> Bus:
 def _safety(table: Table, period_s: float, supply_v: float, joints: Sequence[Joint]) -> Safety:
     table.refuse_unknown(field.name for field in fields(Safety))
     watchdog_s = table.number("watchdog_s", 0.0, 2.54)
+    without = [joint.product.name for joint in joints if joint.family.watchdog is None]
+    if watchdog_s and without:
+        table.fail("watchdog_s", f"watchdog_s {watchdog_s:g} asks for what {without[0]} servos do not have; write 0.0")
     if abs(watchdog_s / 0.02 - round(watchdog_s / 0.02)) > 1e-6:
         table.fail("watchdog_s", f"watchdog_s {watchdog_s:g} is no multiple of 0.02 s, the register's unit; round it")
     if 0.0 < watchdog_s <= period_s:
@@ -171,7 +180,7 @@ def _safety(table: Table, period_s: float, supply_v: float, joints: Sequence[Joi
     if voltage_low_v >= supply_v:
         table.fail("voltage_low_v", f"voltage_low_v {voltage_low_v:g} is not below supply_v {supply_v:g}; lower it")
     temperature_c_max = table.positive("temperature_c_max")
-    limit = min(registers(joint.product)["temperature_limit"].initial for joint in joints)
+    limit = min(registers(joint.product)[joint.family.temperature_limit].initial for joint in joints)
     if temperature_c_max > limit:
         table.fail(
             "temperature_c_max",
@@ -195,8 +204,7 @@ def _check_supply(head: Table, joints: Sequence[Joint]) -> None:
     supply_v = head.values["supply_v"]
     for joint in joints:
         lines = registers(joint.product)
-        low = lines["min_voltage_limit"].initial * lines["min_voltage_limit"].scale
-        high = lines["max_voltage_limit"].initial * lines["max_voltage_limit"].scale
+        low, high = (lines[name].initial * lines[name].scale for name in joint.family.voltage_limits)
         if not low <= supply_v <= high:
             head.fail(
                 "supply_v",
@@ -204,11 +212,21 @@ def _check_supply(head: Table, joints: Sequence[Joint]) -> None:
             )
 
 
-def _check_traffic(head: Table, bus: Bus, njoint: int, period_s: float) -> None:
+def _check_baud(table: Table, bus: Bus, joints: Sequence[Joint]) -> None:
+    """Refuse a bit rate that one of the servos does not offer."""
+    for joint in joints:
+        if bus.baud not in joint.family.bauds.values():
+            offered = ", ".join(str(rate) for rate in sorted(joint.family.bauds.values()))
+            table.fail("baud", f"baud {bus.baud} is not offered by {joint.product.name}; choose one of {offered}")
+
+
+def _check_traffic(head: Table, bus: Bus, joints: Sequence[Joint], period_s: float) -> None:
     """Refuse a bus that can not carry one period's questions and answers within the period."""
-    asked = _SYNC_BYTES + njoint
-    answered = njoint * (_STATUS_BYTES + _STATE_BYTES)
-    written = _SYNC_BYTES + njoint * (1 + _GOAL_BYTES)
+    njoint, family = len(joints), joints[0].family
+    sync, status, read = _PACKET_BYTES[family.protocol]
+    asked = sync + njoint if family.sync_read else read * njoint
+    answered = sum(status + _block_bytes(joint, joint.family.state) for joint in joints)
+    written = sync + sum(1 + _block_bytes(joint, (joint.family.goal(joint.mode),) * 2) for joint in joints)
     needed_s = (asked + answered + written) * 10 / bus.baud + njoint * bus.return_delay_us * 1e-6
     if needed_s >= period_s:
         head.fail(
@@ -216,3 +234,9 @@ def _check_traffic(head: Table, bus: Bus, njoint: int, period_s: float) -> None:
             f"period_s {period_s:g} is too short for its traffic of {1e3 * needed_s:.1f} ms at {bus.baud} bit/s; "
             "lengthen it, raise baud or lower return_delay_us",
         )
+
+
+def _block_bytes(joint: Joint, block: tuple[str, str]) -> int:
+    """Return the size of a block of registers, from its first to its last."""
+    first, last = (registers(joint.product)[name] for name in block)
+    return last.address + last.size - first.address

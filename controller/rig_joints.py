@@ -3,25 +3,43 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from typing import Final, Literal, cast
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, cast
 
 from controller.cycle import COUNT_MAX
+from controller.families import FAMILIES, Family, Mode, family_of
 from controller.operations import BY_NAME
 from controller.products import IDEAL, PRODUCTS, Product
 from controller.registers import Register, registers
 from controller.rig import Bus, Joint
 from controller.toml_table import Table
 
-PROTOCOL_FAMILIES: Final = {"dynamixel-2.0": ("dynamixel-x330",), "none": (IDEAL.family,)}
+PROTOCOL_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
+    **{
+        protocol: tuple(family.name for family in FAMILIES.values() if family.bus_protocol == protocol)
+        for protocol in dict.fromkeys(family.bus_protocol for family in FAMILIES.values())
+    },
+    "none": (IDEAL.family,),
+}
 """Families of servos that speak each protocol."""
 
 DERIVED_TERMINALS: Final = ("t", "goal_dist", "px", "py", "pz", "goal_met", "heading_error")
 """Terminals that the control cycle computes: no joint or sensor may take their names."""
 
-_POSITION_KEYS: Final = ("p_gain", "i_gain", "d_gain")
-_VELOCITY_KEYS: Final = ("velocity_p_gain", "velocity_i_gain", "speed_rad_s_max", "unlimited")
+_VELOCITY_KEYS: Final = ("speed_rad_s_max", "unlimited")
+_SERVO_KEYS: Final = tuple(
+    dict.fromkeys(
+        [key for family in FAMILIES.values() for gains in family.gains.values() for key in gains]
+        + [family.ceiling_key for family in FAMILIES.values() if family.ceiling_key is not None]
+    )
+)
+JOINT_KEYS: Final = (
+    *("name", "mjcf_joint", "id", "product", "mode", "sign", "zero_tick", "low_rad", "high_rad", "neutral_rad"),
+    *_SERVO_KEYS,
+    *_VELOCITY_KEYS,
+)
+"""Keys of a `[[joint]]` table, of all families together."""
+
 _IDEAL_KEYS: Final = (
     *("name", "mjcf_joint", "product", "mode", "low_rad", "high_rad", "neutral_rad"),
     *("unlimited", "speed_rad_s_max"),
@@ -50,6 +68,10 @@ def read_joints(top: Table, bus: Bus) -> tuple[Joint, ...]:
     refuse_twice(tables, "id", [joint.id for joint in joints], "give each servo its own id")
     taken = {f"{joint.name}{suffix}" for joint in joints for suffix in ("_vel", "_load")}.union(DERIVED_TERMINALS)
     for table, joint in zip(tables, joints, strict=True):
+        if bus.protocol != "none" and joint.mode != joints[0].mode:
+            table.fail(
+                "mode", f"mode '{joint.mode}' is not joint {joints[0].name}'s; give all joints of a bus one mode"
+            )
         if joint.name in taken:
             table.fail("name", f"name '{joint.name}' is the name of another terminal; choose another name")
         if joint.name in BY_NAME or joint.name in ("list", "let", "last"):
@@ -80,9 +102,10 @@ def refuse_twice(
 
 
 def _joint(table: Table, bus: Bus) -> Joint:
-    table.refuse_unknown(field.name for field in fields(Joint))
+    table.refuse_unknown(JOINT_KEYS)
     product = _product(table, bus)
-    mode = _mode(table)
+    family = None if product == IDEAL else family_of(product)
+    mode = _mode(table, family)
     sign = 1 if product == IDEAL else table.integer("sign", -(2**31), 2**31 - 1)
     if sign not in (1, -1):
         table.fail("sign", f"sign {sign} is neither 1 nor -1; write 1, or -1 where the encoder counts the other way")
@@ -99,11 +122,6 @@ def _joint(table: Table, bus: Bus) -> Joint:
     if not unlimited:
         _check_travel(table, zero_tick, sign * ticks_per_rad, product.count_max, product == IDEAL)
     lines: Mapping[str, Register] = {} if product == IDEAL else registers(product)
-
-    def register(key: str, name: str, low_count: int = 0, needed: bool = True) -> int:
-        return table.integer(key, low_count, lines[name].high) if lines and needed else 0
-
-    velocity = mode == "velocity"
     return Joint(
         name=table.name_value("name"),
         mjcf_joint=table.name_value("mjcf_joint"),
@@ -114,16 +132,28 @@ def _joint(table: Table, bus: Bus) -> Joint:
         low_rad=low,
         high_rad=high,
         neutral_rad=neutral,
-        p_gain=register("p_gain", "position_p_gain", 1, not velocity),
-        i_gain=register("i_gain", "position_i_gain", 0, not velocity),
-        d_gain=register("d_gain", "position_d_gain", 0, not velocity),
-        pwm_limit=register("pwm_limit", "pwm_limit", 1),
+        gains=_gains(table, family, mode, lines) if family else {},
+        ceiling=_ceiling(table, family, product, lines) if family else 0,
         mode=mode,
         unlimited=unlimited,
-        speed_rad_s_max=_speed_max(table, lines) if velocity else 0.0,
-        velocity_p_gain=register("velocity_p_gain", "velocity_p_gain", 1, velocity),
-        velocity_i_gain=register("velocity_i_gain", "velocity_i_gain", 0, velocity),
+        speed_rad_s_max=_speed_max(table, lines) if mode == "velocity" else 0.0,
     )
+
+
+def _gains(table: Table, family: Family, mode: Mode, lines: Mapping[str, Register]) -> dict[str, int]:
+    """Return the counts of the mode's gain registers."""
+    counts: dict[str, int] = {}
+    for key, names in family.gains[mode].items():
+        low = 1 if key.endswith("p_gain") else lines[names[0]].low
+        counts |= dict.fromkeys(names, table.integer(key, low, lines[names[0]].high))
+    return counts
+
+
+def _ceiling(table: Table, family: Family, product: Product, lines: Mapping[str, Register]) -> int:
+    """Return the torque ceiling in counts."""
+    if family.ceiling_key is None:
+        return product.duty_full
+    return table.integer(family.ceiling_key, 1, lines[family.ceiling_limit].high)
 
 
 def _product(table: Table, bus: Bus) -> Product:
@@ -140,16 +170,31 @@ def _product(table: Table, bus: Bus) -> Product:
     return product
 
 
-def _mode(table: Table) -> Literal["position", "velocity"]:
-    """Return what is commanded, refusing what belongs to the other mode."""
-    mode: Literal["position", "velocity"] = "position"
+def _mode(table: Table, family: Family | None) -> Mode:
+    """Return what is commanded, refusing what belongs to the other mode or to other servos."""
+    mode: Mode = "position"
     if "mode" in table.values:
-        mode = cast(Literal["position", "velocity"], table.text_value("mode", ("position", "velocity")))
-    for key in _POSITION_KEYS if mode == "velocity" else _VELOCITY_KEYS:
+        mode = cast(Mode, table.text_value("mode", ("position", "velocity")))
+    if family is not None and mode not in family.modes:
+        table.fail(
+            "mode", f"mode '{mode}' is not for servos of {family.name}; remove it: they are commanded a position"
+        )
+    other: Mode = "position" if mode == "velocity" else "velocity"
+    gains = family.gains if family is not None else {}
+    for key in (*gains.get(other, ()), *(_VELOCITY_KEYS if mode == "position" else ())):
         if key in table.values:
-            other = "position" if mode == "velocity" else "velocity"
             table.fail(key, f'{key} is for mode = "{other}"; remove it, or change the mode')
+    if family is not None:
+        _refuse_foreign(table, family, (*gains[mode], family.ceiling_key))
     return mode
+
+
+def _refuse_foreign(table: Table, family: Family, own: Iterable[str | None]) -> None:
+    """Refuse the gains of other families."""
+    known = [key for key in own if key is not None]
+    for key in _SERVO_KEYS:
+        if key in table.values and key not in known:
+            table.fail(key, f"{key} is no setting of servos of {family.name}; write {', '.join(known)} instead")
 
 
 def _unlimited(table: Table) -> bool:
@@ -183,7 +228,9 @@ def _speed_max(table: Table, lines: Mapping[str, Register]) -> float:
     """Return the fastest velocity that may be commanded [rad/s]."""
     speed = table.positive("speed_rad_s_max", 1e4)
     if lines:
-        limit = lines["velocity_limit"].initial * lines["velocity_limit"].scale
+        # a servo without a velocity limit takes any goal that its register holds
+        bound = lines.get("velocity_limit")
+        limit = bound.initial * bound.scale if bound else lines["goal_speed"].high * lines["goal_speed"].scale
         if speed > limit:
             table.fail(
                 "speed_rad_s_max",

@@ -57,7 +57,9 @@ class Schedule:
 
 
 def schedule_of(rig: Rig) -> Schedule:
-    """Return the schedule of a rig: its servos' load, velocity and position, goal position, and health registers.
+    """Return the schedule of a rig: its servos' position, velocity and load, goals, and health registers.
+
+    The servos of a line share their blocks. Those without sync read are asked for their state one by one, in bus order.
 
     Args:
         rig: the rig
@@ -65,19 +67,17 @@ def schedule_of(rig: Rig) -> Schedule:
     Returns:
         the schedule
     """
-    table = registers(rig.joints[0].product)
+    joint = rig.joints[0]
+    table, family, goal = registers(joint.product), joint.family, joint.family.goal(joint.mode)
 
     def block(first: str, last: str) -> tuple[int, int]:
         return table[first].address, table[last].address + table[last].size - table[first].address
 
     return Schedule(
         nservo=len(rig.joints),
-        state=block("present_current", "present_position"),
-        goal=block("goal_position", "goal_position"),
-        health=(
-            block("torque_enable", "hardware_error_status"),
-            block("present_input_voltage", "present_temperature"),
-        ),
+        state=block(*family.state),
+        goal=block(goal, goal),
+        health=tuple(block(*names) for names in family.health),
     )
 
 

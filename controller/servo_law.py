@@ -18,10 +18,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from controller.products import Product
+from controller.registers import registers
+from controller.rig import Joint
 
 _CONTROL_HZ: Final = 1000.0
 _INTEGRAL_DIVISOR: Final = 65536.0
@@ -101,6 +103,36 @@ def velocity_law(product: Product, counts: Mapping[str, int]) -> Law:
         ki=counts.get(i, 0) / divisor * _CONTROL_HZ * per_rad_s,
         duty_max=_duty_max(product, counts),
     )
+
+
+def joint_law(joint: Joint) -> Law:
+    """Return the law of a rig's servo joint, its mode's: with the rig's gains, and else with the factory's settings.
+
+    Args:
+        joint: the joint, not an ideal one
+
+    Returns:
+        the law
+    """
+    counts = {name: line.initial for name, line in registers(joint.product).items()} | dict(joint.gains)
+    if joint.family.torque_ceiling is not None:
+        counts[joint.family.torque_ceiling] = joint.ceiling
+    return (velocity_law if joint.mode == "velocity" else position_law)(joint.product, counts)
+
+
+def straight_law(law: Law) -> Law:
+    """Return a law without dead zone and punch that has full duty at the same error, as simulated motors have it.
+
+    Args:
+        law: a position law
+
+    Returns:
+        the law
+    """
+    if law.kp <= 0.0 or (law.dead_zone_rad == 0.0 and law.punch == 0.0):
+        return law
+    kp = 1.0 / (law.dead_zone_rad + max(0.0, 1.0 - law.punch) / law.kp)
+    return replace(law, kp=kp, dead_zone_rad=0.0, punch=0.0)
 
 
 def full_duty_error(law: Law) -> float:

@@ -145,6 +145,19 @@ def resolve_terminals(controller: Controller, rig: Rig) -> tuple[TerminalSpec, .
     return tuple(resolved)
 
 
+def full_load_counts(joint: Joint) -> int:
+    """Return the load counts that mean 1: a current at its limit, or full PWM duty, or an ideal motor's limit.
+
+    Args:
+        joint: the joint
+    """
+    if joint.ideal:
+        return IDEAL_LOAD_COUNTS
+    table = registers(joint.product)
+    load = table[joint.family.load]
+    return table["current_limit"].high if load.unit == "A" else round(1.0 / load.scale)
+
+
 def joint_scale(joint: Joint) -> float:
     """Return the angle of one encoder count, sign included [rad].
 
@@ -158,9 +171,7 @@ def _joint_terminals(rig: Rig, index: int) -> list[TerminalSpec]:
     joint = rig.joints[index]
     njoint = len(rig.joints)
     velocity = joint.sign * joint.product.velocity_unit_rad_s
-    # the X330's load is its current, full scale its current limit
-    full = IDEAL_LOAD_COUNTS if joint.ideal else registers(joint.product)["current_limit"].high
-    load = joint.sign / full
+    load = joint.sign / full_load_counts(joint)
     raw = TerminalKind.RAW
     return [
         TerminalSpec(joint.name, raw, "rad", index, joint.zero_tick, joint_scale(joint)),

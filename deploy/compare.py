@@ -114,7 +114,7 @@ def _rig_as_run(log: Log) -> Rig:
     name = log.meta.get("rig")
     rig = log_rig(log, load_rig(name).path.parent if name in rig_names() else None)
     derate = float(log.meta.get("derate", 1.0))
-    joints = tuple(replace(joint, pwm_limit=round(joint.pwm_limit * derate)) for joint in rig.joints)
+    joints = tuple(replace(joint, ceiling=round(joint.ceiling * derate)) for joint in rig.joints)
     return replace(rig, joints=joints)
 
 

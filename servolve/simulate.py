@@ -257,8 +257,11 @@ def _run(
 
 def _with_gains(joint: Joint, scale: float) -> Joint:
     """Return a joint whose P gain, of position or velocity, is another."""
-    gains = {"p_gain": round(joint.p_gain * scale), "velocity_p_gain": round(joint.velocity_p_gain * scale)}
-    return replace(joint, **gains)  # type: ignore[arg-type]
+    own = joint.family.gains[joint.mode]
+    scaled = {name for key in ("p_gain", "velocity_p_gain") for name in own.get(key, ())}
+    return replace(
+        joint, gains={name: round(count * scale) if name in scaled else count for name, count in joint.gains.items()}
+    )
 
 
 def twin_perturbations(twin: Twin, rig: Rig) -> Any:  # noqa: ANN401  sim_models is imported lazily

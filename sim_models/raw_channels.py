@@ -46,6 +46,8 @@ def raw_encoders(rig: Rig) -> Array[SvTerminal]:
 def full_load_torque(joint: Joint, motor_limit_nm: float) -> float:
     """Return the torque that reads as a load of 1: a servo's at its current limit, an ideal motor's own limit.
 
+    A servo whose load is its duty has its stall torque, which full duty makes at rest.
+
     Args:
         joint: the joint
         motor_limit_nm: largest torque of its motor in the model [N m]
@@ -55,7 +57,10 @@ def full_load_torque(joint: Joint, motor_limit_nm: float) -> float:
     """
     if joint.ideal:
         return motor_limit_nm
-    limit = registers(joint.product)["current_limit"]
+    table = registers(joint.product)
+    if table[joint.family.load].unit != "A":
+        return motor_limit_nm
+    limit = table["current_limit"]
     return joint.product.stall_torque_nm * limit.high * limit.scale / joint.product.stall_current_a
 
 

@@ -7,6 +7,9 @@ current-mode driver that cancels the back-EMF; the ``K**2 / R`` inside `ServoPar
 In velocity mode ``duty = P * (goal rate - rate)``; `ServoParameters.input_scale` of the goal rate goes into the motor,
 because its ``kd`` holds the back-EMF's share too.
 
+The gains of other families than the X series come from `controller.servo_law`, whose dead zone and punch become part of
+the slope here.
+
 The simulated body and the virtual servo both get their numbers here.
 """
 
@@ -21,6 +24,7 @@ import numpy.typing as npt
 
 from controller.products import Product
 from controller.rig import Joint
+from controller.servo_law import Law, joint_law, straight_law
 
 # where MuJoCo's dcmotor keeps its parameters in a row of actuator_gainprm
 _RESISTANCE, _MOTOR_CONSTANT, _KP, _KI, _KD, _VOLTAGE_MAX = 0, 1, 4, 5, 6, 7
@@ -71,8 +75,9 @@ def servo_parameters(
     k = product.voltage_v / product.no_load_speed_rad_s
     r = k * product.voltage_v / (product.stall_torque_nm * torque_scale)
     ticks_per_rad = product.ticks_per_turn / (2.0 * math.pi)
-    duty_per_tick = p_gain / product.p_divisor / product.duty_full
-    duty_per_tick_s = d_gain / product.d_divisor / product.duty_full
+    # as `controller.servo_law` has it, in an order of rounding that gives every bred controller its own bits again
+    duty_per_tick = p_gain / product.p_divisor / product.duty_full if p_gain else 0.0
+    duty_per_tick_s = d_gain / product.d_divisor / product.duty_full if d_gain else 0.0
     limit = pwm_limit / product.duty_full
     # MuJoCo reads a limit of 0 as none: no PWM at all is a gain of 0 instead
     drive = k / r * voltage_v * ticks_per_rad if pwm_limit > 0 else 0.0
@@ -110,6 +115,25 @@ def velocity_parameters(
     return replace(motor, kd=k / r * (volts + k), input_scale=volts / (volts + k))
 
 
+def law_parameters(product: Product, law: Law, voltage_v: float, torque_scale: float = 1.0) -> ServoParameters:
+    """Return the motor of a servo with a position law. The integral gain must be 0: the model has no integrator.
+
+    Args:
+        product: the servo
+        law: its law, with neither dead zone nor punch
+        voltage_v: supply voltage [V]
+        torque_scale: the servo's stall torque over the datasheet's, at the same no-load speed
+
+    Returns:
+        The parameters for `set_servo`.
+    """
+    # MuJoCo reads a limit of 0 as none: no PWM at all is a gain of 0 instead
+    motor = servo_parameters(product, 0, 0, product.duty_full, voltage_v, torque_scale)
+    k, r = motor.motor_constant, motor.resistance
+    drive = k / r * voltage_v if law.duty_max > 0.0 else 0.0
+    return replace(motor, kp=drive * law.kp, kd=motor.kd + drive * law.kd, voltage_max=law.duty_max * voltage_v)
+
+
 def joint_parameters(joint: Joint, voltage_v: float, torque_scale: float = 1.0) -> ServoParameters:
     """Return the motor of a rig's servo joint.
 
@@ -122,6 +146,8 @@ def joint_parameters(joint: Joint, voltage_v: float, torque_scale: float = 1.0) 
         The parameters for `set_servo`.
     """
     product = joint.product
+    if not product.family.startswith("dynamixel-x") and joint.mode == "position":
+        return law_parameters(product, straight_law(joint_law(joint)), voltage_v, torque_scale)
     if joint.mode == "velocity":
         return velocity_parameters(product, joint.velocity_p_gain, joint.pwm_limit, voltage_v, torque_scale)
     return servo_parameters(product, joint.p_gain, joint.d_gain, joint.pwm_limit, voltage_v, torque_scale)

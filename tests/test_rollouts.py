@@ -257,7 +257,7 @@ def loads(rig, model, torque):
 def velocity_lamp():
     """Return the lamp with its servos in velocity mode."""
     rig = load_rig("lamp-xc330")
-    change = {"mode": "velocity", "speed_rad_s_max": 10.0, "velocity_p_gain": 2000, "p_gain": 0}
+    change = {"mode": "velocity", "speed_rad_s_max": 10.0, "gains": {"velocity_p_gain": 2000, "velocity_i_gain": 0}}
     return dataclasses.replace(rig, joints=tuple(dataclasses.replace(joint, **change) for joint in rig.joints))
 
 
