@@ -5,30 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from controller.servo_law import Law
+
+__all__ = ["Drive", "Law", "Mode", "Shaft"]
+
 Mode = Literal["position", "velocity", "voltage"]
-
-
-@dataclass(frozen=True)
-class Law:
-    """Hold how a servo turns an error into PWM duty, -1 to 1.
-
-    In velocity mode the error is one of velocity: kp is then in duty per rad/s and ki in duty per rad.
-
-    Args:
-        kp: duty per error [1/rad]
-        ki: duty per error and time [1/(rad s)]
-        kd: duty per velocity, which it brakes [s/rad]
-        duty_max: largest duty either way
-        dead_zone_rad: largest error that counts as none [rad]
-        torque_share_max: largest torque over the stall torque
-    """
-
-    kp: float = 0.0
-    ki: float = 0.0
-    kd: float = 0.0
-    duty_max: float = 1.0
-    dead_zone_rad: float = 0.0
-    torque_share_max: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,14 @@ from controller.errors import InputError, RunError
 from controller.rig import Rig
 from deploy.virtual.drive import Mode
 from deploy.virtual.shaft import JointShaft
-from deploy.virtual.twin import Twin
+from deploy.virtual.twin import Twin, check_twin
+from deploy.virtual.twin_body import PLAY, twinned_model
 from sim_models.body import (
     Pose,
-    Scene,
     base_force,
     base_pose,
     base_rotation,
     body_layout,
-    build_model,
     clearance,
     settled_data,
 )
@@ -31,8 +30,10 @@ from sim_models.body import (
 TIMESTEP_S: Final = 0.001
 """Step of the virtual rig's physics: finer than the rollouts' [s]."""
 
-_INPUTS: Final = mujoco.mjtCtrlInput.mjINPUT_POS | mujoco.mjtCtrlInput.mjINPUT_VEL | mujoco.mjtCtrlInput.mjINPUT_FF
+JAMMED_NM: Final = 100.0
+"""Dry friction of a joint whose horn is stuck: no servo moves it [N m]."""
 
+Play = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 Start = Literal["settled", "limp"]
 
 
@@ -75,20 +76,25 @@ class Plant:
                 f"{rig.name}: a physics step of {timestep_s:g} s does not divide the period of {rig.period_s:g} s; "
                 "choose another timestep_s"
             )
-        self.supply_v = twin.supply_v or rig.supply_v
+        check_twin(twin, (joint.name for joint in rig.joints), rig.name)
+        self.supply_v = self._open_circuit_v = twin.open_circuit_v(rig.supply_v)
         self.twin = twin
-        settled = self._build(rig, timestep_s)
-        self.model: Any = self._build(rig, timestep_s, lambda spec: _add_inputs(spec, rig))
+        self._rig = rig
+        settled: Any = twinned_model(rig, twin, timestep_s, inputs=False)
+        self.model: Any = twinned_model(rig, twin, timestep_s, inputs=True)
         self.data: Any = mujoco.MjData(self.model)
-        self.data.qpos[:] = settled_data(settled, rig).qpos
-        mujoco.mj_forward(self.model, self.data)
         self.layout = body_layout(self.model, rig)
+        _copy_pose(settled, settled_data(settled, rig), self.model, self.data)
+        self._plays = tuple(_play(self.model, self.data, joint.mjcf_joint) for joint in rig.joints)
         self.shafts = tuple(
             JointShaft(self, joint, index, held=start == "settled") for index, joint in enumerate(rig.joints)
         )
         self.time_ns = 0
         self._pose = (-1, Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-        self._friction = np.array(self.model.dof_frictionloss[self.layout.dof])
+        self._free_friction = np.array(self.model.dof_frictionloss[self.layout.dof])
+        self._free_solref = np.array(self.model.dof_solref[self.layout.dof])
+        self._free_solimp = np.array(self.model.dof_solimp[self.layout.dof, :2])
+        self._friction = self._free_friction.copy()
         self._delay_ns = round(twin.command_latency_s * 1e9)
         self._commands: deque[tuple[int, int, Mode, float]] = deque()  # (due [ns], joint, mode, goal)
 
@@ -101,14 +107,19 @@ class Plant:
         Raises:
             RunError: the physics diverged
         """
-        stiction = self.twin.stiction_scale != 1.0
+        dt = self.step_ns * 1e-9
+        every = self.twin.stiction_scale != 1.0 or self.twin.supply_ohm > 0.0
+        stepped = [shaft for shaft in self.shafts if shaft.stepped]
         while count > 0:
             while self._commands and self._commands[0][0] <= self.time_ns:
                 _, index, mode, goal = self._commands.popleft()
                 self.shafts[index].take(mode, goal)
-            if stiction:
+            if every:
                 self._stick()
-            block = 1 if stiction or self._commands else count
+                self._sag()
+            for shaft in stepped:
+                shaft.step(dt)
+            block = 1 if every or stepped or self._commands else count
             mujoco.mj_step(self.model, self.data, block)
             self.time_ns += block * self.step_ns
             count -= block
@@ -129,6 +140,37 @@ class Plant:
             self._commands.append((self.time_ns + self._delay_ns, index, mode, goal))
         else:
             self.shafts[index].take(mode, goal)
+
+    def play(self, index: int) -> Play | None:
+        """Return angle and rate of the play between a joint's motor and its encoder, or None if it has none.
+
+        Args:
+            index: joint
+        """
+        return self._plays[index]
+
+    def set_supply(self, volts: float | None) -> None:
+        """Change the supply's voltage without load.
+
+        Args:
+            volts: [V]; None: as it was at the beginning
+        """
+        self._open_circuit_v = self.twin.open_circuit_v(self._rig.supply_v) if volts is None else volts
+        self._set_voltage(self._open_circuit_v)
+
+    def jam(self, index: int, stuck: bool) -> None:
+        """Jam a joint, or free it.
+
+        Args:
+            index: joint
+            stuck: whether it can not move
+        """
+        dof = self.layout.dof[index]
+        self._friction[index] = JAMMED_NM if stuck else self._free_friction[index]
+        self.model.dof_frictionloss[dof] = self._friction[index]
+        # friction is soft by nature: what is jammed creeps as little as the step allows
+        self.model.dof_solref[dof] = (2e-9 * self.step_ns, 1.0) if stuck else self._free_solref[index]
+        self.model.dof_solimp[dof, :2] = 0.9999 if stuck else self._free_solimp[index]
 
     def measure(self, name: str) -> float:
         """Return what a sensor of a name measures now, SI.
@@ -153,22 +195,9 @@ class Plant:
             base_pos=np.array(self.data.qpos[:3]),
             base_rpy=np.array([roll, pitch, yaw]),
             feet_clearance_m=clearance(self.model, self.data, self.layout),
-            joint_rad=np.array(self.data.qpos[self.layout.qpos]),
-            joint_vel=np.array(self.data.qvel[self.layout.dof]),
+            joint_rad=np.array([shaft.angle() for shaft in self.shafts]),
+            joint_vel=np.array([shaft.rate() for shaft in self.shafts]),
         )
-
-    def _build(self, rig: Rig, timestep_s: float, scene: Scene | None = None) -> mujoco.MjModel:
-        """Compile the body with the twin's differences."""
-        twin = self.twin
-        model: Any = build_model(rig, form="free", timestep_s=timestep_s, lean=True, scene=scene)
-        model.geom_friction[:, 0] *= twin.friction_scale
-        model.body_mass[:] *= twin.mass_scale
-        model.body_inertia[:] *= twin.mass_scale
-        model.dof_frictionloss[:] *= twin.joint_friction_scale
-        model.dof_damping[:] *= twin.joint_damping_scale
-        model.dof_armature[:] *= twin.armature_scale
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-        return model
 
     def _stick(self) -> None:
         """Raise the friction of joints that stand (Stribeck)."""
@@ -178,16 +207,33 @@ class Plant:
             excess = (twin.stiction_scale - 1.0) * math.exp(-speed * speed)
             self.model.dof_frictionloss[dof] = self._friction[index] * (1.0 + excess)
 
+    def _sag(self) -> None:
+        """Let the supply sag under the currents that the motors draw."""
+        if self.twin.supply_ohm > 0.0:
+            # a bridge at half duty draws half the motor's current; what a motor gives back is lost
+            drawn = sum(max(0.0, shaft.duty() * shaft.current()) for shaft in self.shafts)
+            self._set_voltage(max(0.0, self._open_circuit_v - self.twin.supply_ohm * drawn))
 
-def _add_inputs(spec: mujoco.MjSpec, rig: Rig) -> None:
-    """Give each servo's motor the inputs of every mode: angle, velocity and torque."""
-    for joint in rig.joints:
-        product = joint.product
-        spec.actuator(joint.name).set_to_dcmotor(
-            [0.0, 0.0],
-            0.0,
-            nominal=[product.voltage_v, product.stall_torque_nm, product.no_load_speed_rad_s],
-            saturation=[product.stall_torque_nm, 0.0, 0.0],
-            controller=[1.0, 0.0, 1.0, 0.0, 0.0, product.voltage_v],
-            ctrlspec=int(_INPUTS),
-        )
+    def _set_voltage(self, volts: float) -> None:
+        if volts != self.supply_v:
+            self.supply_v = volts
+            for shaft in self.shafts:
+                shaft.refresh()
+
+
+def _play(model: mujoco.MjModel, data: mujoco.MjData, hinge: str) -> Play | None:
+    """Return where a hinge's play is kept, or None if it has none."""
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, hinge + PLAY)
+    if number < 0:
+        return None
+    return data.qpos[int(model.jnt_qposadr[number]) :], data.qvel[int(model.jnt_dofadr[number]) :]
+
+
+def _copy_pose(source: Any, settled: Any, model: Any, data: Any) -> None:  # noqa: ANN401  MuJoCo's types lack their fields
+    """Put a body where one without play has settled."""
+    for number in range(source.njnt):
+        here = model.joint(source.joint(number).name).qposadr[0]
+        there = source.jnt_qposadr[number]
+        width = 7 if source.jnt_type[number] == mujoco.mjtJoint.mjJNT_FREE else 1
+        data.qpos[here : here + width] = settled.qpos[there : there + width]
+    mujoco.mj_forward(model, data)

@@ -65,9 +65,10 @@ class VirtualSensors:
                 )
         self._rng = rng
         self._lose = lose
-        self._noise = _noise(twin)
+        self._noise = _of_each(twin.position_noise_m, twin.angle_noise_rad, twin.force_noise_n)
+        self._bias = _of_each(twin.position_bias_m, twin.angle_bias_rad, twin.force_bias_n)
         letters = dict.fromkeys(sensor.message for sensor in rig.sensors)
-        self._messages = [_message(letter, rig) for letter in letters]
+        self._messages = [_message(letter, rig, twin.sensor_latency_s) for letter in letters]
         self._lines: deque[tuple[int, bytes]] = deque()
 
     def next_sample_ns(self) -> int | None:
@@ -121,6 +122,7 @@ class VirtualSensors:
         return _checked(body)
 
     def _counts(self, sensor: Sensor, value: float) -> int:
+        value += self._bias[sensor.name]
         noise = self._noise[sensor.name]
         if noise > 0.0:
             value += noise * float(self._rng.standard_normal())
@@ -132,15 +134,16 @@ def _checked(body: bytes) -> bytes:
     return b"$%b*%02X\r\n" % (body, reduce(xor, body))
 
 
-def _message(letter: str, rig: Rig) -> _Message:
+def _message(letter: str, rig: Rig, later_s: float) -> _Message:
     sensors = [sensor for sensor in rig.sensors if sensor.message == letter]
     fields: list[Sensor | None] = [None] * (1 + max(sensor.field for sensor in sensors))
     for sensor in sensors:
         fields[sensor.field] = sensor
-    return _Message(letter, tuple(fields), sensors[0].rate_hz, round(sensors[0].latency_s * 1e9))
+    return _Message(letter, tuple(fields), sensors[0].rate_hz, round((sensors[0].latency_s + later_s) * 1e9))
 
 
-def _noise(twin: Twin) -> Mapping[str, float]:
-    noise = dict.fromkeys(("x", "y", "z"), twin.position_noise_m)
-    noise |= dict.fromkeys(("heading", "roll", "pitch"), twin.angle_noise_rad)
-    return noise | {"force": twin.force_noise_n}
+def _of_each(position_m: float, angle_rad: float, force_n: float) -> Mapping[str, float]:
+    """Return what belongs to each quantity."""
+    values = dict.fromkeys(("x", "y", "z"), position_m)
+    values |= dict.fromkeys(("heading", "roll", "pitch"), angle_rad)
+    return values | {"force": force_n}

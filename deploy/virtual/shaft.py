@@ -3,6 +3,9 @@
 The motor is compiled with three inputs, angle, velocity and torque, and each mode uses the one that it needs; in
 voltage mode it is the torque of the stalled motor, which its back-EMF then lessens. So a mode changes while the body
 moves, by rewriting gains.
+
+What the motor's own controller lacks, an integral, a dead zone, a voltage that rises slowly, gears with play between
+motor and encoder, is reckoned before each physics step. Drives without it cost nothing.
 """
 
 from __future__ import annotations
@@ -17,8 +20,8 @@ from sim_models.servo import ServoParameters, set_servo, set_torque
 if TYPE_CHECKING:
     from deploy.virtual.plant import Plant
 
-HAND: Final = Drive(on=True, mode="position", law=Law(kp=1.0 / 0.12))
-"""How a joint is held as by hand: full torque from 0.12 rad on."""
+_HAND: Final = Drive(on=True, mode="position", law=Law(kp=1.0 / 0.12))
+"""How a joint in velocity mode is held as by hand: full torque from 0.12 rad on."""
 
 _ANGLE, _VELOCITY, _TORQUE = 0, 1, 2
 
@@ -37,47 +40,55 @@ class JointShaft:
         self._plant = plant
         self._joint = joint
         self._index = index
-        self._qpos = int(plant.layout.qpos[index])
-        self._dof = int(plant.layout.dof[index])
+        self._twin = plant.twin.joint(joint.name)
+        data = plant.data
+        self._qpos = data.qpos[int(plant.layout.qpos[index]) :]
+        self._qvel = data.qvel[int(plant.layout.dof[index]) :]
         self._actuator = int(plant.layout.actuator[index])
-        self._inputs = plant.data.ctrl[int(plant.model.actuator_ctrladr[self._actuator]) :]
+        self._inputs = data.ctrl[int(plant.model.actuator_ctrladr[self._actuator]) :]
+        self._play = plant.play(index)
         self._ticks_per_rad = joint.sign * joint.product.ticks_per_turn / (2.0 * math.pi)
-        self._drive: Drive | None = None
+        self._zero = joint.zero_tick + self._ticks_per_rad * self._twin.encoder_bias_rad
         self._held = held
-        self._mode: Mode = "position"
-        self._goal = 0.0
+        self._drive = Drive(on=False, mode="position", law=Law())
+        self._stepped = False
+        self._goal = self.ticks()
         self._feedforward = 0.0
-        self._inputs[_ANGLE] = joint.neutral_rad
+        self._integral = 0.0
+        self._volts = 0.0
         if joint.mode == "velocity":
-            self._set(HAND)
+            self._write(_HAND)
+        self._inputs[_ANGLE] = joint.neutral_rad
         set_torque(plant.model, self._actuator, held)
+
+    # what the servo sees and does
 
     def ticks(self) -> float:
         """Return the angle, over all turns [ticks]."""
-        return self._joint.zero_tick + self._ticks_per_rad * float(self._plant.data.qpos[self._qpos])
+        return self._zero + self._ticks_per_rad * self.angle()
 
     def speed(self) -> float:
         """Return the angular velocity [rad/s]."""
-        return self._joint.sign * float(self._plant.data.qvel[self._dof])
+        return self._joint.sign * self.rate()
 
     def torque(self) -> float:
         """Return the motor's torque [N m]."""
-        driven = self._drive is not None and (self._drive.on or self._drive.brake)
+        driven = self._drive.on or self._drive.brake
         return self._joint.sign * float(self._plant.data.actuator_force[self._actuator]) if driven else 0.0
 
     def duty(self) -> float:
         """Return the PWM duty, -1 to 1: what makes this torque at this speed."""
-        if self._drive is None or not self._drive.on or self._plant.supply_v <= 0.0:
+        if not self._drive.on or self._plant.supply_v <= 0.0:
             return 0.0
-        product, twin = self._joint.product, self._plant.twin
-        stall = product.stall_torque_nm * twin.torque_scale
-        share = self.torque() / stall + self.speed() / product.no_load_speed_rad_s
+        product, twin = self._joint.product, self._twin
+        stall = product.stall_torque_nm * twin.torque_scale * twin.torque_constant_scale
+        share = self.torque() / stall + self.speed() / product.no_load_speed_rad_s * twin.torque_constant_scale
         return min(1.0, max(-1.0, share * product.voltage_v / self._plant.supply_v))
 
     def current(self) -> float:
         """Return the motor's current, signed as the torque [A]."""
         product = self._joint.product
-        return product.stall_current_a * self.torque() / product.stall_torque_nm
+        return product.stall_current_a * self.torque() / (product.stall_torque_nm * self._twin.torque_constant_scale)
 
     def supply(self) -> float:
         """Return the supply voltage at the servo [V]."""
@@ -89,16 +100,19 @@ class JointShaft:
         Args:
             drive: by its registers
         """
+        if drive.mode != self._drive.mode:
+            self._integral = self._feedforward = 0.0
+            # a goal of the old mode means nothing in the new one
+            self._goal = self.ticks() if drive.mode == "position" else 0.0
+        if not drive.on:
+            self._volts = self._integral = self._feedforward = 0.0
         self._drive = drive
         if self._held and not drive.on:
             return
         self._held = False
-        changed = drive.mode != self._mode
-        self._set(drive)
-        if changed:
-            # a goal of the old mode means nothing in the new one
-            self._goal = self.ticks() if drive.mode == "position" else 0.0
-            self._apply()
+        self._write(drive)
+        self._stepped = self._play is not None or _needs_steps(drive)
+        self._apply()
         set_torque(self._plant.model, self._actuator, drive.on or drive.brake)
 
     def aim(self, value: float) -> None:
@@ -107,18 +121,7 @@ class JointShaft:
         Args:
             value: by the drive's mode: an angle [ticks], a velocity [rad/s] or a duty
         """
-        self._plant.command(self._index, self._mode, value)
-
-    def take(self, mode: Mode, value: float) -> None:
-        """Let a goal act that `aim` gave, unless the mode has changed since.
-
-        Args:
-            mode: of the drive when it was given
-            value: as `aim` has it
-        """
-        if not self._held and mode == self._mode:
-            self._goal = value
-            self._apply()
+        self._plant.command(self._index, self._drive.mode, value)
 
     def feedforward(self, duty: float) -> None:
         """Add a duty to what the law gives.
@@ -130,25 +133,106 @@ class JointShaft:
         if not self._held:
             self._apply()
 
+    # what the plant does
+
+    def angle(self) -> float:
+        """Return the angle of the encoder's shaft [rad]."""
+        return float(self._qpos[0]) + (0.0 if self._play is None else float(self._play[0][0]))
+
+    def rate(self) -> float:
+        """Return the angular velocity of the encoder's shaft [rad/s]."""
+        return float(self._qvel[0]) + (0.0 if self._play is None else float(self._play[1][0]))
+
+    def take(self, mode: Mode, value: float) -> None:
+        """Let a goal act that `aim` gave, unless the mode has changed since.
+
+        Args:
+            mode: of the drive when it was given
+            value: as `aim` has it
+        """
+        if mode != self._drive.mode:
+            return
+        self._goal = value
+        if not self._held:
+            self._apply()
+
+    def refresh(self) -> None:
+        """Drive with the supply as it is now."""
+        if not self._held:
+            self._write(self._drive)
+            self._apply()
+
+    def slip(self, ticks: float) -> None:
+        """Let the encoder count further than before, as one does whose magnet slipped.
+
+        Args:
+            ticks: how much
+        """
+        self._zero += ticks
+        if not self._held:
+            self._apply()
+
+    @property
+    def stepped(self) -> bool:
+        """Return whether the drive needs `step` before each physics step."""
+        return self._stepped
+
+    def step(self, dt: float) -> None:
+        """Reckon what the motor's own controller lacks.
+
+        Args:
+            dt: physics step [s]
+        """
+        drive, law, inputs = self._drive, self._drive.law, self._inputs
+        sign, rate = self._joint.sign, self.rate()
+        error = proportional = added = 0.0
+        if drive.mode == "position":
+            error = (self._goal - self._zero) / self._ticks_per_rad - self.angle()
+            error -= min(max(error, -law.dead_zone_rad), law.dead_zone_rad)
+            proportional = law.kp * self._twin.p_gain_scale * error - law.kd * self._twin.d_gain_scale * rate
+            added = math.copysign(law.punch, error) if error else 0.0
+            # the motor holds its own shaft's angle, which play may part from the encoder's
+            inputs[_ANGLE] = float(self._qpos[0]) + error
+        elif drive.mode == "velocity":
+            error = sign * self._goal - rate
+            proportional = law.kp * error
+        else:
+            added = sign * self._goal
+        added += self._integral + sign * self._feedforward
+        duty = proportional + added
+        if abs(duty) < law.duty_max or duty * error < 0.0:
+            # a law that is at its limit does not wind up
+            self._integral += law.ki * error * dt
+        if drive.slope_v_s > 0.0:
+            volts = min(max(duty, -law.duty_max), law.duty_max) * self._plant.supply_v
+            change = drive.slope_v_s * dt
+            self._volts = min(max(volts, self._volts - change), self._volts + change)
+            added = self._volts / self._plant.supply_v if self._plant.supply_v > 0.0 else 0.0
+        inputs[_TORQUE] = self._torque_per_duty * added
+
     # inside
 
-    def _set(self, drive: Drive) -> None:
+    def _write(self, drive: Drive) -> None:
         """Write a drive into the model's motor."""
-        plant, product, law = self._plant, self._joint.product, drive.law
-        k = product.voltage_v / product.no_load_speed_rad_s
-        r = k * product.voltage_v / (product.stall_torque_nm * plant.twin.torque_scale)
+        plant, product, law, twin = self._plant, self._joint.product, drive.law, self._twin
+        # both as the datasheet has them at the output; the constant is torque per current too, in units of its own
+        nominal = product.voltage_v / product.no_load_speed_rad_s
+        r = nominal * product.voltage_v / (product.stall_torque_nm * twin.torque_scale)
+        k = nominal * twin.torque_constant_scale
+        stall = product.stall_torque_nm * twin.torque_scale * twin.torque_constant_scale
         # MuJoCo reads a voltage limit of 0 as none: no PWM at all is a gain of 0 instead
         self._torque_per_duty = k / r * plant.supply_v if drive.on and law.duty_max > 0.0 else 0.0
-        brake = k * k / r
-        gain = self._torque_per_duty * law.kp
-        kp, kd = 0.0, brake
+        kp, kd = 0.0, k * k / r  # the motor's own back-EMF, which MuJoCo's controller cancels
         self._velocity_scale = 0.0
-        if drive.mode == "position":
-            kp, kd = gain * plant.twin.p_gain_scale, brake + self._torque_per_duty * law.kd
+        if drive.slope_v_s > 0.0:
+            pass  # the law's voltage is reckoned at each step
+        elif drive.mode == "position":
+            kp = self._torque_per_duty * law.kp * twin.p_gain_scale
+            kd += self._torque_per_duty * law.kd * twin.d_gain_scale
         elif drive.mode == "velocity":
-            kd = brake + gain
-            self._velocity_scale = gain / kd
-        stall = product.stall_torque_nm * plant.twin.torque_scale
+            kd += self._torque_per_duty * law.kp
+            self._velocity_scale = self._torque_per_duty * law.kp / kd
+        limits = (stall * plant.supply_v / product.voltage_v, stall * drive.torque_max, stall * law.torque_share_max)
         set_servo(
             plant.model,
             self._actuator,
@@ -158,22 +242,22 @@ class JointShaft:
                 kp=kp,
                 kd=kd,
                 voltage_max=law.duty_max * plant.supply_v,
-                torque_max=min(
-                    stall * plant.supply_v / product.voltage_v, stall * drive.torque_max, stall * law.torque_share_max
-                ),
+                torque_max=min(limits),
             ),
         )
-        self._mode = drive.mode
 
     def _apply(self) -> None:
         """Write the goal where the mode reads it."""
-        sign, inputs = self._joint.sign, self._inputs
-        torque = sign * self._torque_per_duty * self._feedforward
-        inputs[_VELOCITY] = 0.0
-        if self._mode == "position":
-            inputs[_ANGLE] = (self._goal - self._joint.zero_tick) / self._ticks_per_rad
-        elif self._mode == "velocity":
-            inputs[_VELOCITY] = sign * self._goal * self._velocity_scale
-        else:
-            torque += sign * self._torque_per_duty * self._goal
-        inputs[_TORQUE] = torque
+        sign, inputs, drive = self._joint.sign, self._inputs, self._drive
+        inputs[_VELOCITY] = sign * self._goal * self._velocity_scale if drive.mode == "velocity" else 0.0
+        if drive.mode == "position":
+            inputs[_ANGLE] = (self._goal - self._zero) / self._ticks_per_rad
+        if not self._stepped:
+            duty = self._feedforward + (self._goal if drive.mode == "voltage" else 0.0)
+            inputs[_TORQUE] = sign * self._torque_per_duty * duty
+
+
+def _needs_steps(drive: Drive) -> bool:
+    """Return whether a drive asks for more than the motor's own controller does."""
+    law = drive.law
+    return drive.on and (law.ki != 0.0 or law.dead_zone_rad > 0.0 or law.punch > 0.0 or drive.slope_v_s > 0.0)
