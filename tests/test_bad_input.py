@@ -362,7 +362,7 @@ def test_a_task_that_is_not_there(folder, capsys):
         (["--jsno"], ["--jsno"]),
         (["show"], ["show", "controller"]),
         (["show", "GOOD", "--as", "poem"], ["--as", "poem", "tree"]),
-        (["deploy", "GOOD"], ["deploy", "--rig"]),
+        (["deploy", "GOOD"], ["good", "which rig", "--rig"]),
         (["deploy", "GOOD", "--rig", "lamp-xc330", "--secons", "3"], ["--secons", "--seconds"]),
         (["deploy", "GOOD", "--rig", "lamp-xc330", "--seconds", "three"], ["--seconds", "three"]),
         (["deploy", "GOOD", "--rig", "lamp-xc330", "--seconds", "-3"], ["--seconds", "-3"]),
