@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Final
 
 from controller.products import Product
@@ -40,7 +39,8 @@ BAUD_TOLERANCE: Final = 0.03
 _USUAL_BAUDS: Final = (9600, 19_200, 57_600, 115_200, 200_000, 250_000, 400_000, 500_000, 1_000_000)
 _FULL: Final = 1023
 _ADDRESSES: Final = frozenset({"id", "baud_rate", "return_delay_time"})
-_FOLLOWED: Final = frozenset({"goal_position", "led", "lock", "punch"})  # what `step` reads, or nobody
+_INERT: Final = frozenset({"led", "lock"})
+_COMPLIANCE: Final = ("compliance_margin", "compliance_slope")
 _MOVING_COUNT: Final = 10
 _NEEDED_LEVEL: Final = {p1.PING: 0, p1.READ: 1}
 
@@ -83,6 +83,8 @@ class AxServo:
         self._latched = 0
         self._overload_s = 0.0
         self._side = 1
+        self._lopsided = False
+        self._profile_moves = False
         self.profile = Profile(self._shaft.ticks())
         self.table["torque_limit"] = self.table["max_torque"]
         self.table["goal_position"] = self._position()
@@ -169,7 +171,9 @@ class AxServo:
             self._overload_s = 0.0
         if names & _ADDRESSES:
             self._read_addresses()
-        if not names <= _FOLLOWED:
+        if names == {"goal_position"} and not self._wheel():
+            self._follow()
+        elif not names <= _INERT:
             self._drive()
         return 0
 
@@ -230,19 +234,21 @@ class AxServo:
 
     @property
     def moving(self) -> bool:
-        """Return whether the servo must be stepped: compliance and profile follow the shaft."""
-        return bool(self.table["torque_enable"]) and not self._wheel()
+        """Return whether the servo must be stepped: its profile moves, or its law depends on where the shaft is."""
+        return self._profile_moves or self._lopsided
 
     def step(self, dt: float) -> None:
-        """Move the profile, and let margin, slope and punch act where the shaft is now.
+        """Move the profile, and choose the law of the side of the goal that the shaft is on.
 
         Args:
             dt: time step [s]
         """
         table = self.table
         speed = table["moving_speed"] * table.lines["moving_speed"].scale * self._ticks_per_rad
-        self.profile.step(self._goal(), speed, 0.0, dt)
-        self._comply()
+        self._profile_moves = self.profile.step(self._goal(), speed, 0.0, dt) and speed > 0.0
+        if self._lopsided and self._side_of_goal() != self._side:
+            self._drive()
+        self._shaft.aim(self.profile.position)
 
     def protect(self, dt: float) -> None:
         """Warm up, and shut down what overheats, stalls or has the wrong supply.
@@ -316,44 +322,43 @@ class AxServo:
         turn = self.product.ticks_per_turn
         return self.table["goal_position"] + turn * round((self._shaft.ticks() - 0.5 * _FULL) / turn)
 
-    def _law(self, side: int) -> Law:
-        """Return the law on one side of the goal; margin and punch are left to `_comply`."""
-        pair = "ccw" if side > 0 else "cw"
+    def _follow(self) -> None:
+        """Begin to move to a new goal."""
+        self._profile_moves = self._on() and self.table["moving_speed"] != 0
+        if not self._profile_moves:
+            self.profile.jump(self._goal())
+        self._shaft.aim(self.profile.position)
+
+    def _on(self) -> bool:
+        return self.table["torque_enable"] != 0 and self.table["torque_limit"] > 0
+
+    def _side_of_goal(self) -> int:
+        """Return which way the goal is: 1 counter-clockwise, -1 clockwise."""
+        return 1 if self.profile.position >= self._shaft.ticks() else -1
+
+    def _law(self) -> Law:
+        """Return the law on the side of the goal that the shaft is on.
+
+        The manual's picture does not say which pair is whose: here the CCW pair acts where the servo turns CCW.
+        """
+        pair = "ccw" if self._side > 0 else "cw"
         counts = self.table.counts()
-        for name in ("compliance_margin", "compliance_slope"):
+        for name in _COMPLIANCE:
             counts[f"cw_{name}"] = counts[f"ccw_{name}"] = counts[f"{pair}_{name}"]
-        return replace(position_law(self.product, counts), dead_zone_rad=0.0, punch=0.0)
+        return position_law(self.product, counts)
 
     def _drive(self) -> None:
-        table, shaft = self.table, self._shaft
-        limit = table["torque_limit"] / _FULL
-        on = table["torque_enable"] != 0 and limit > 0.0
-        shaft.feedforward(0.0)
+        table, shaft, on = self.table, self._shaft, self._on()
         if self._wheel():
+            self._lopsided = self._profile_moves = False
+            limit = table["torque_limit"] / _FULL
             shaft.drive(Drive(on=on, mode="voltage", law=Law(duty_max=limit)))
             shaft.aim(max(-limit, min(limit, table["moving_speed"] / _FULL)))
             return
-        shaft.drive(Drive(on=on, mode="position", law=self._law(self._side)))
-        if not table["moving_speed"]:
-            self.profile.jump(self._goal())
-        if on:
-            self._comply()
-
-    def _comply(self) -> None:
-        """Aim at the near edge of the margin around the reference, and push at least with the punch beyond it.
-
-        The manual's picture does not say which side is whose: here the CCW pair acts where the servo turns CCW.
-        """
-        table, shaft = self.table, self._shaft
-        ticks, goal = shaft.ticks(), self.profile.position
-        side = 1 if goal >= ticks else -1
-        if side != self._side:
-            self._side = side
-            shaft.drive(Drive(on=table["torque_limit"] > 0, mode="position", law=self._law(side)))
-        aim = min(max(ticks, goal - table["ccw_compliance_margin"]), goal + table["cw_compliance_margin"])
-        shaft.aim(aim)
-        punch = min(table["punch"], table["torque_limit"]) / _FULL
-        shaft.feedforward(0.0 if aim == ticks else math.copysign(punch, aim - ticks))
+        self._lopsided = on and any(table[f"cw_{name}"] != table[f"ccw_{name}"] for name in _COMPLIANCE)
+        self._side = self._side_of_goal()
+        shaft.drive(Drive(on=on, mode="position", law=self._law()))
+        self._follow()
 
     def _measure(self) -> None:
         """Bring the registers that the servo measures up to date."""
@@ -366,4 +371,4 @@ class AxServo:
         table["present_temperature"] = round(self._temperature_c)
         table["registered"] = int(self._registered is not None)
         on_its_way = abs(self.profile.position - self._goal()) > 0.5 or abs(speed) > _MOVING_COUNT
-        table["moving"] = int(self.moving and on_its_way)
+        table["moving"] = int(self._on() and not self._wheel() and on_its_way)
