@@ -34,10 +34,13 @@ format: $(VENV)/ready ## rewrite the sources in the house's format
 	$(BIN)/ruff format
 	$(BIN)/clang-format -i $(C_FILES)
 
-accept: $(VENV)/ready ## what needs a quiet machine: real-time rates and speed ratios
+accept: $(VENV)/ready ## what needs a quiet machine or much time: rates, ratios, long random tests
 	$(BIN)/pytest tests/accept_*.py
+	$(BIN)/pytest --long tests/test_machine_*.py
+	$(BIN)/pytest --fuzz-seconds 600 tests/test_fuzz.py
 	$(BIN)/servolve bench rollout
 	$(BIN)/servolve bench evolve --quick
+	$(BIN)/servolve bench bus
 
 bench: $(VENV)/ready ## measure speed, as ratios
 	$(BIN)/servolve bench

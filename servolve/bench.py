@@ -59,7 +59,8 @@ def bench(
     """Measure ratios of rates, each side by turns in this very run; absolute rates differ too much between machines.
 
     Args:
-        name: rollout (against the engine alone) or evolve (against a DEAP program); left out: all
+        name: rollout (against the engine alone), evolve (against a DEAP program) or bus (the host loop against loops on
+            the vendor's SDK and on rustypot); left out: all
         quick: small evolution runs and few of them, whose ratios have no bounds
         seeds: evolution runs of each side; left out: 5, or 1 if quick
         json_: print one JSON object
@@ -132,7 +133,16 @@ def evolve(effort: Effort) -> Tables:
     return {"evolve": found, "evolve_runs": rows, "evolve_measures": measures}
 
 
-BENCHES: Final[Mapping[str, Callable[[Effort], Tables]]] = MappingProxyType({"rollout": rollout, "evolve": evolve})
+def bus(effort: Effort) -> Tables:
+    """Compare the host loop with loops on other clients, on one virtual rig."""
+    from servolve.bench_bus import bench_bus
+
+    return bench_bus(effort.told, seconds=2.0 if effort.quick else 10.0, turns=1 if effort.quick else 3)
+
+
+BENCHES: Final[Mapping[str, Callable[[Effort], Tables]]] = MappingProxyType(
+    {"rollout": rollout, "evolve": evolve, "bus": bus}
+)
 """Measurements by name. Each gives tables; a row may have a `ratio`, its `bound` and whether that is kept, `ok`."""
 
 
