@@ -2,36 +2,41 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final
 
 from controller.controller import Controller
-from controller.registers import X330_BAUD, Register, registers
+from controller.registers import Register, decode_register, registers
 from controller.rig import Joint, Rig
-from deploy.joint_counts import count_limits, joint_angle
+from deploy.finding import Finding, Fix
+from deploy.joint_counts import joint_angle
+from deploy.line_time import period_line_s
 from deploy.port import usb_latency_s
 from deploy.safety import judge_hardware_error
 from deploy.sensor_reader import SensorReader
-from deploy.servo_bus import ServoBus, decode
+from deploy.servo_bus import Reply, ServoBus
+from deploy.servo_findings import setting_findings, state_findings
 
-_USB_LATENCY_S_MAX = 0.0015
-_LIMIT_SLACK_RAD = 0.05
-_ID_MAX = 252
+__all__ = [
+    "Finding",
+    "Fix",
+    "Reading",
+    "check_controller",
+    "check_derating",
+    "check_sensors",
+    "check_servos",
+]
 
-
-@dataclass(frozen=True)
-class Finding:
-    """Hold one thing that a check found.
-
-    Args:
-        level: "error" forbids to arm, "warning" does not
-        text: one sentence
-    """
-
-    level: Literal["error", "warning"]
-    text: str
+_USB_LATENCY_S_MAX: Final = 0.0015
+_LATE_S_MAX: Final = 0.003
+_DELAY_S_MAX: Final = 508e-6
+"""The longest that a servo can be set to wait before it answers [s]."""
+_LINE_SHARE_MAX: Final = 0.8
+_TABLE_GAP: Final = 8
+"""Bytes without a register after which a table holds nothing that is checked: indirect data, or the maker's own."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,7 @@ class Reading:
     @property
     def angle_rad(self) -> float:
         """Return the joint's angle [rad], NaN if the servo is not there."""
-        position = self.values.get("present_position")
+        position = self.values.get(self.joint.family.position)
         return math.nan if position is None else joint_angle(self.joint, position)
 
 
@@ -63,22 +68,19 @@ def check_servos(bus: ServoBus, rig: Rig) -> tuple[list[Reading], list[Finding]]
     Returns:
         what was read, and what was found
     """
-    readings = []
-    findings = []
-    latency_s = usb_latency_s(bus.port.port_name)
-    if latency_s is not None and latency_s > _USB_LATENCY_S_MAX:
-        findings.append(
-            Finding(
-                "warning",
-                f"{bus.port.label}: the USB adapter holds replies back for {1e3 * latency_s:.0f} ms; write 1 to "
-                "its latency_timer under /sys/bus/usb-serial/devices",
-            )
-        )
+    readings, findings, waits_s = [], _check_line(bus, rig), [math.inf]
     for joint in rig.joints:
-        reading, found = _check_servo(bus, rig, joint)
+        reading, found = _check_servo(bus, rig, joint, waits_s)
         readings.append(reading)
         findings += found
-    return readings, findings
+    late_s = min(waits_s)
+    if _LATE_S_MAX < late_s < math.inf and usb_latency_s(bus.port.port_name) is None:
+        text = (
+            f"{bus.port.label}: every reply comes at least {1e3 * late_s:.0f} ms later than the line needs; set the "
+            "adapter's latency timer to 1 ms"
+        )
+        findings.append(Finding("warning", text))
+    return readings, findings + _check_watchdogs(rig)
 
 
 def check_sensors(rig: Rig, reader: SensorReader, needed: frozenset[int], now: float) -> list[Finding]:
@@ -118,17 +120,69 @@ def check_controller(rig: Rig, controller: Controller) -> list[Finding]:
     joints = {joint.name: joint for joint in rig.joints}
     jump = 0.0
     for output in controller.outputs:
-        unit = math.pi / 180.0 if output.unit == "deg" else 1.0
+        unit = math.pi / 180.0 if output.unit.startswith("deg") else 1.0
         joint = joints[output.name]
-        span = min(output.high * unit, joint.high_rad) - max(output.low * unit, joint.low_rad)
+        low, high = joint.low_rad, joint.high_rad
+        if joint.mode == "velocity":
+            low, high = -joint.speed_rad_s_max, joint.speed_rad_s_max
+        span = min(output.high * unit, high) - max(output.low * unit, low)
         jump = max(jump, controller.filter * span)
+    unit_name = "rad/s" if rig.joints[0].mode == "velocity" else "rad"
     text = (
-        f"controller {controller.name}: has no slew limit (slew_rad_s); its goals may jump by {jump:.2g} rad a period"
+        f"controller {controller.name}: has no slew limit (slew_rad_s); its goals may jump by {jump:.2g} {unit_name} a "
+        "period"
     )
     return [Finding("warning", text)]
 
 
-def _check_servo(bus: ServoBus, rig: Rig, joint: Joint) -> tuple[Reading, list[Finding]]:
+def check_derating(rig: Rig, derate: float) -> list[Finding]:
+    """Object to a derated run of servos that have no torque ceiling to lower.
+
+    Args:
+        rig: the rig
+        derate: part of the torque ceiling that is allowed
+    """
+    lacking = [joint for joint in rig.joints if joint.family.torque_ceiling is None]
+    if derate >= 1.0 or not lacking:
+        return []
+    text = f"{lacking[0].product.name} servos have no torque ceiling outside their EEPROM; leave --derate out"
+    return [Finding("error", text)]
+
+
+def _check_line(bus: ServoBus, rig: Rig) -> list[Finding]:
+    findings = []
+    latency_s = usb_latency_s(bus.port.port_name)
+    if latency_s is not None and latency_s > _USB_LATENCY_S_MAX:
+        text = (
+            f"{bus.port.label}: the USB adapter holds replies back for {1e3 * latency_s:.0f} ms; write 1 to its "
+            "latency_timer under /sys/bus/usb-serial/devices"
+        )
+        findings.append(Finding("warning", text))
+    line_s = period_line_s(rig)
+    if line_s > _LINE_SHARE_MAX * rig.period_s:
+        text = (
+            f"{bus.port.label}: a period's packets and return delays take {1e3 * line_s:.1f} ms of its "
+            f"{1e3 * rig.period_s:g} ms; raise baud, or lower return_delay_us, in servos and rig"
+        )
+        findings.append(Finding("warning", text))
+    return findings
+
+
+def _check_watchdogs(rig: Rig) -> list[Finding]:
+    """Say what stops the servos if this program dies, where nothing on them does."""
+    lacking = [joint for joint in rig.joints if joint.family.watchdog is None]
+    if not lacking:
+        return []
+    products = ", ".join(sorted({joint.product.name for joint in lacking}))
+    goes_on = "turning" if lacking[0].mode == "velocity" else "holding the last goal"
+    text = (
+        f"{products} servos have no bus watchdog: if this program or its cable dies, they go on {goes_on} until their "
+        "own overload protection or you cut them off; keep the power switch at hand"
+    )
+    return [Finding("warning", text)]
+
+
+def _check_servo(bus: ServoBus, rig: Rig, joint: Joint, waits_s: list[float]) -> tuple[Reading, list[Finding]]:
     named = f"joint {joint.name} (servo {joint.id})"
     reply, model = bus.ping(joint.id)
     for _ in range(2):
@@ -145,87 +199,64 @@ def _check_servo(bus: ServoBus, rig: Rig, joint: Joint) -> tuple[Reading, list[F
             "connect the right servo or correct the rig"
         )
         return Reading(joint, {}), [Finding("error", text)]
-    values, missing = _read_table(bus, joint)
+    values, error, missing = _read_table(bus, joint, waits_s)
     if missing:
         text = f"{named}: {missing}; check cables, ground and other masters on the bus"
         return Reading(joint, values), [Finding("error", text)]
-    findings = [Finding("error", f"{named}: {text}") for text in _settings(rig, joint, values)]
-    findings += [Finding("error", f"{named}: {text}") for text in _state(rig, joint, values)]
-    hardware = judge_hardware_error(joint, values["hardware_error_status"], values["shutdown"])
+    findings = [*setting_findings(rig, joint, values), *state_findings(rig, joint, values)]
+    status = error if joint.family.hardware_error is None else values[joint.family.hardware_error]
+    hardware = judge_hardware_error(joint, status, values[joint.family.shutdown])
     if hardware:
         findings.append(Finding("error", hardware))
-    if values["torque_enable"]:
-        findings.append(Finding("warning", f"{named}: its torque was on already; nobody may hold the robot"))
-    return Reading(joint, values), findings
+    return Reading(joint, values), sorted(findings, key=lambda finding: finding.level)
 
 
-def _read_table(bus: ServoBus, joint: Joint) -> tuple[dict[str, int], str]:
-    """Read the whole table in two blocks; return its counts and, if a block failed, what is wrong."""
-    table = [register for register in registers(joint.product).values() if register.address < 148]
+def _read_table(bus: ServoBus, joint: Joint, waits_s: list[float]) -> tuple[dict[str, int], int, str]:
+    """Read the whole table in two blocks; return its counts, the servo's error byte and, if a block failed, why."""
     values: dict[str, int] = {}
-    for block in (
-        [register for register in table if register.address < 64],
-        [register for register in table if register.address >= 64],
-    ):
-        first, last = block[0].address, block[-1].address + block[-1].size
-        reply = bus.read(joint.id, first, last - first)
-        for _ in range(2):
-            if reply.status != "data":
-                reply = bus.read(joint.id, first, last - first)
+    error = 0
+    for block in _blocks(joint):
+        first, size = block[0].address, block[-1].address + block[-1].size - block[0].address
+        reply = _read_block(bus, joint, first, size, waits_s)
         if reply.status != "data":
-            what = f"the registers {first} to {last - 1} could not be read"
+            what = f"the registers {first} to {first + size - 1} could not be read"
             if reply.status == "corrupt":  # a ping's answers are equal and pass for one
                 what += f", answers are corrupt: two servos may share id {joint.id}"
-            return values, what
+            return values, error, what
+        error |= reply.error
         values |= _decode_block(block, first, reply.data)
-    return values, ""
+    return values, error, ""
+
+
+def _blocks(joint: Joint) -> Iterator[list[Register]]:
+    """Yield the registers in EEPROM, and those in RAM up to the first wide gap."""
+    table = sorted(registers(joint.product).values(), key=lambda register: register.address)
+    start = next(number for number, register in enumerate(table) if not register.eeprom)
+    yield table[:start]
+    end = start + 1
+    for before, after in itertools.pairwise(table[start:]):
+        if after.address - (before.address + before.size) >= _TABLE_GAP:
+            break
+        end += 1
+    yield table[start:end]
+
+
+def _read_block(bus: ServoBus, joint: Joint, first: int, size: int, waits_s: list[float]) -> Reply:
+    asked = bus.port.now()
+    reply = bus.read(joint.id, first, size)
+    if reply.status == "data":
+        # beyond the delay that the servo may hold, and the question's and the answer's bytes
+        waits_s.append(reply.t - asked - _DELAY_S_MAX - (2 * bus.status_bytes + size) * bus.port.byte_s)
+    for _ in range(2):
+        if reply.status != "data":
+            reply = bus.read(joint.id, first, size)
+    return reply
 
 
 def _decode_block(block: Sequence[Register], first: int, data: bytes) -> dict[str, int]:
     return {
-        register.name: decode(register, data[register.address - first : register.address - first + register.size])
+        register.name: decode_register(
+            register, data[register.address - first : register.address - first + register.size]
+        )
         for register in block
     }
-
-
-def _settings(rig: Rig, joint: Joint, values: Mapping[str, int]) -> Iterator[str]:
-    """Yield what is wrong in the EEPROM, which is never written here."""
-    delay_us = 2 * values["return_delay_time"]
-    if X330_BAUD.get(values["baud_rate"]) != rig.bus.baud:
-        yield f"baud_rate holds {values['baud_rate']}, the rig says {rig.bus.baud} baud; set register 8"
-    if delay_us != rig.bus.return_delay_us:
-        want = rig.bus.return_delay_us
-        yield f"return_delay_time is {delay_us} us, the rig says {want} us; set register 9 to {want // 2}"
-    for name, want in (("drive_mode", 0), ("operating_mode", 3), ("homing_offset", 0)):
-        if values[name] != want:
-            address = registers(joint.product)[name].address
-            yield f"{name} is {values[name]} and must be {want}; set register {address} to {want}"
-    if values["secondary_id"] <= _ID_MAX:
-        yield f"secondary_id {values['secondary_id']} is active; set register 12 to 255"
-    low, high = count_limits(joint)
-    if values["min_position_limit"] > low:
-        yield f"min_position_limit {values['min_position_limit']} cuts off travel; set register 52 to {low} or less"
-    if values["max_position_limit"] < high:
-        yield f"max_position_limit {values['max_position_limit']} cuts off travel; set register 48 to {high} or more"
-    if values["pwm_limit"] < joint.pwm_limit:
-        yield f"pwm_limit {values['pwm_limit']} is below the rig's {joint.pwm_limit}; set register 36, or the rig's"
-
-
-def _state(rig: Rig, joint: Joint, values: Mapping[str, int]) -> Iterator[str]:
-    """Yield what is wrong with the servo's present state."""
-    voltage_v = 0.1 * values["present_input_voltage"]
-    if voltage_v < rig.safety.voltage_low_v:
-        yield f"its supply is {voltage_v:.1f} V, at least {rig.safety.voltage_low_v:g} V are needed; charge or check it"
-    if voltage_v > 1.2 * rig.supply_v:
-        yield f"its supply is {voltage_v:.1f} V, the rig says {rig.supply_v:g} V; connect the right supply"
-    if values["present_temperature"] > rig.safety.temperature_c_max:
-        yield f"it is at {values['present_temperature']} degrees Celsius; let it cool"
-    position = values["present_position"]
-    angle = joint_angle(joint, position)
-    if not 0 <= position < joint.product.ticks_per_turn:
-        yield f"its position {position} is outside one turn, so it has wrapped around; reboot the servo"
-    elif not joint.low_rad - _LIMIT_SLACK_RAD <= angle <= joint.high_rad + _LIMIT_SLACK_RAD:
-        yield (
-            f"it stands at {angle:.2f} rad, outside its limits {joint.low_rad:g} to {joint.high_rad:g} rad; move it "
-            "inside by hand, or correct zero_tick"
-        )

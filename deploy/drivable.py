@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from controller.errors import InputError
 from controller.rig import Rig
 from controller.rig_file import require_bus
 
@@ -14,12 +13,6 @@ def require_drivable(rig: Rig) -> None:
         rig: the rig
 
     Raises:
-        InputError: it has no bus, or a joint in velocity mode
+        InputError: it has no bus
     """
     require_bus(rig, "deployment")
-    for joint in rig.joints:
-        if joint.mode == "velocity":
-            raise InputError(
-                f"rig {rig.name}: joint {joint.name} is in velocity mode, which deployment does not drive; "
-                "choose a rig whose joints are all in position mode"
-            )

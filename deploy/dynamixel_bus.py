@@ -18,8 +18,10 @@ from typing import Final, Literal
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 from dynamixel_sdk.robotis_def import COMM_RX_CORRUPT, COMM_SUCCESS
 
+from controller.register import decode_register as decode
+from controller.register import encode_register as encode
 from deploy.port import SerialPort
-from deploy.servo_bus import BusError, Reply, ServoBus, decode, encode
+from deploy.servo_bus import BusError, Reply, ServoBus
 
 __all__ = ["ALERT", "ERROR_NUMBERS", "BusError", "DynamixelBus", "Reply", "decode", "encode"]
 
@@ -37,9 +39,6 @@ ERROR_NUMBERS: Final = (
     "register is read-only or locked",
 )
 """What the number in a status error's low bits says. Source: e-Manual, protocol2.md, Error."""
-
-HARDWARE_ERRORS: Final = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
-"""Bits of the hardware error status. Source: e-Manual, X series, Hardware Error Status (70)."""
 
 _PING, _REBOOT = 0x01, 0x08
 

@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Final
 
 from controller.controller import Controller
 from controller.errors import RunError
 from controller.native import NativeCycle, pack_cycle
 from controller.rig import Joint, Rig
-from deploy.checks import Finding, Reading, check_controller, check_sensors, check_servos
+from deploy.checks import Finding, Reading, check_controller, check_derating, check_sensors, check_servos
 from deploy.cycle_message import CycleStep, CycleWords
-from deploy.joint_counts import joint_angle, joint_count
+from deploy.homing import home
 from deploy.log import RunLog
-from deploy.period import Connection, FaultError, Period, Periods, StopRunError
+from deploy.period import Connection, FaultError, Periods, StopRunError
 from deploy.run_record import RunRecord
 from deploy.states import State, StateMachine
 from deploy.torque import hold, release, seed_goals, torque_on, unsure_sentence, write_settings
 
 _LISTEN_S: Final = 0.3
 _LISTEN_STEP_S: Final = 0.01
-_REST_PERIODS: Final = 10
-_REST_VELOCITY_COUNTS: Final = 2
-_REST_S_MAX: Final = 10.0
 
 
 @dataclass(frozen=True)
@@ -128,11 +123,12 @@ def run_controller(
     link.bus.port.tap = trace
     machine = StateMachine(report)
     try:
-        _check(periods, machine, outcome)
+        _check(periods, machine, options, outcome)
         if options.arm:
             outcome.touched = True
             _arm(periods, machine, options.derate)
-            _home(periods, machine)
+            machine.enter(State.HOMING, "torque is on")
+            home(periods)
             _run(periods, machine, controller, cycle, options, outcome)
         else:
             outcome.reason = "every check passed; nothing was written, for --arm was not given"
@@ -164,7 +160,7 @@ def run_controller(
     return outcome
 
 
-def _check(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
+def _check(periods: Periods, machine: StateMachine, options: RunOptions, outcome: Outcome) -> None:
     """Read everything, write nothing."""
     rig, clock = periods.rig, periods.clock
     outcome.readings, outcome.findings = check_servos(periods.link.bus, rig)
@@ -173,7 +169,7 @@ def _check(periods: Periods, machine: StateMachine, outcome: Outcome) -> None:
         clock.sleep_until(clock.now() + _LISTEN_STEP_S)
         periods.io.read_sensors()
     outcome.findings += check_sensors(rig, periods.io.reader, periods.needed, clock.now())
-    outcome.findings += check_controller(rig, periods.controller)
+    outcome.findings += check_controller(rig, periods.controller) + check_derating(rig, options.derate)
     outcome.pose = periods.io.sensor_values()
     for finding in outcome.findings:
         periods.event("finding", f"{finding.level}: {finding.text}")
@@ -192,44 +188,6 @@ def _arm(periods: Periods, machine: StateMachine, derate: float) -> None:
     periods.goals = seed_goals(bus, rig)
     machine.enter(State.ARMED, "settings are written and read back, goals are where the joints stand")
     torque_on(bus, rig)
-
-
-def _home(periods: Periods, machine: StateMachine) -> None:
-    """Move slowly to neutral, then wait for rest and fresh sensors."""
-    machine.enter(State.HOMING, "torque is on")
-    rig = periods.rig
-    rate = rig.safety.homing_rad_s
-    start = periods.goals
-    neutral = tuple(joint_count(joint, joint.neutral_rad) for joint in rig.joints)
-    travel = [
-        abs(joint_angle(joint, a) - joint_angle(joint, b))
-        for joint, a, b in zip(rig.joints, start, neutral, strict=True)
-    ]
-    nmove = math.ceil(max(travel) / (rate * rig.period_s))
-    resting = 0
-    periods.start()
-    for k in range(nmove + math.ceil(_REST_S_MAX / rig.period_s)):
-        part = min(1.0, (k + 1) / max(1, nmove))
-        goals = [round(a + (b - a) * part) for a, b in zip(start, neutral, strict=True)]
-        done = periods.walk(k, partial(tuple, goals), rate)
-        if done.fault:
-            raise FaultError(done.fault)
-        periods.heed_stop()
-        resting = resting + 1 if k >= nmove and _at_rest(periods, done) else 0
-        if resting == _REST_PERIODS:
-            return
-    raise FaultError(
-        f"the rig did not come to rest in neutral within {_REST_S_MAX:g} s; look for what moves or blocks it"
-    )
-
-
-def _at_rest(periods: Periods, done: Period) -> bool:
-    ages = periods.io.ages_s()[3 * len(periods.rig.joints) :]
-    return (
-        all(reply.status == "data" for reply in done.replies.values())
-        and all(abs(count) <= _REST_VELOCITY_COUNTS for count in periods.io.velocity_counts())
-        and all(ages[number] <= periods.rig.sensors[number].age_s_max for number in periods.needed)
-    )
 
 
 def _run(

@@ -16,15 +16,17 @@ from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.schedule import Transaction, TransactionKind, period, schedule_of
 from deploy.clock import Clock
-from deploy.joint_counts import count_limits, joint_angle
+from deploy.joint_counts import goal_limits, joint_angle, joint_speed
 from deploy.rig_io import RigIO
 from deploy.run_record import RunRecord
 from deploy.safety import (
     Watch,
+    judge_alert,
     judge_hardware_error,
     judge_health,
     judge_replies,
     judge_sensors,
+    judge_speeds,
     judge_tilt,
     judge_timing,
     judge_torque,
@@ -37,14 +39,6 @@ from deploy.witness import Witness
 
 TRIPPED: Final = 255
 """What the bus watchdog register reads once it has stopped its servo."""
-
-_HEALTH_FIELDS: Final[Mapping[str, str]] = {
-    "torque_enable": "torque",
-    "hardware_error_status": "hardware_error",
-    "present_input_voltage": "voltage_v",
-    "present_temperature": "temperature_c",
-}
-"""Register => field of `/health`."""
 
 
 class FaultError(RunError):
@@ -178,7 +172,7 @@ class Periods:
             elif due.kind is TransactionKind.WRITE_GOALS:
                 done.fault = done.fault or self._refuse(goals, rate_rad_s)
                 if done.fault is None:
-                    self.goals = tuple(int(goal) for goal in goals)
+                    self.goals = self._inside(goals)
                     done.written = self.io.write_goals(self.goals, due.address)
                 done.ended = self.clock.now()
             elif done.fault is None:
@@ -220,29 +214,58 @@ class Periods:
         """Return the sentence of a fault that this period's data show, or None."""
         rig, watch, io = self.rig, self.watch, self.io
         ages = io.ages_s()[3 * len(rig.joints) :]
-        goals = [joint_angle(joint, goal) for joint, goal in zip(rig.joints, self.goals, strict=True)]
         return (
             judge_replies(rig, watch, replies)
             or self._alerts(replies)
             or judge_sensors(rig, watch, self.needed, ages)
-            or judge_tracking(rig, watch, self.clock.now(), goals, io.angles_rad())
+            or self._tracking()
             or self._tilt(ages)
         )
+
+    def _tracking(self) -> str | None:
+        """Return the sentence of a fault if a joint does not do what it is told, or None."""
+        rig, io, now = self.rig, self.io, self.clock.now()
+        if rig.joints[0].mode == "velocity":
+            return judge_speeds(rig, self.watch, now, self.goals, io.velocity_counts(), io.angles_rad())
+        goals = [joint_angle(joint, goal) for joint, goal in zip(rig.joints, self.goals, strict=True)]
+        return judge_tracking(rig, self.watch, now, goals, io.angles_rad())
 
     def _refuse(self, goals: Sequence[int], rate_rad_s: float) -> str | None:
         """Take a last look at limits and rate, which those who aim should have kept; return what is wrong, or None."""
         for joint, last, goal in zip(self.rig.joints, self.goals, goals, strict=True):
-            low, high = count_limits(joint)
-            step = abs(joint_angle(joint, goal) - joint_angle(joint, last))
-            step_max = rate_rad_s * self.rig.period_s + 2.0 * math.pi / joint.product.ticks_per_turn
+            low, high = goal_limits(joint)
             if not low <= goal <= high:
                 return f"joint {joint.name}: goal {goal} is outside {low} to {high}; report this as a defect"
+            unit, of, count = "rad", joint_angle, 2.0 * math.pi / joint.product.ticks_per_turn
+            if joint.mode == "velocity":
+                unit, of, count = "rad/s", joint_speed, joint.product.velocity_unit_rad_s
+                if goal == 0 and not joint.unlimited:
+                    continue  # near the end of its travel a joint is stopped at once
+            step = abs(of(joint, goal) - of(joint, last))
+            step_max = rate_rad_s * self.rig.period_s + count
             if rate_rad_s > 0.0 and step > 1.001 * step_max:
                 return (
-                    f"joint {joint.name}: goal {goal} is {step:.4f} rad from the last one, {step_max:.4f} rad are "
-                    "allowed; report this as a defect"
+                    f"joint {joint.name}: goal {goal} is {step:.4f} {unit} from the last one, {step_max:.4f} {unit} "
+                    "are allowed; report this as a defect"
                 )
         return None
+
+    def _inside(self, goals: Sequence[int]) -> tuple[int, ...]:
+        """Return the goals, without the speed of a joint that it may have carried to an end of its travel.
+
+        The control cycle stops a joint that would pass its end within a period of its newest angle; while replies are
+        missing that angle is old, and the joint has gone on since.
+        """
+        kept = [int(goal) for goal in goals]
+        if self.rig.joints[0].mode == "position":
+            return tuple(kept)
+        ages, angles = self.io.ages_s(), self.io.angles_rad()
+        for number, joint in enumerate(self.rig.joints):
+            speed = joint_speed(joint, kept[number])
+            end = angles[number] + speed * (ages[number] + self.rig.period_s)
+            if (speed > 0.0 and end > joint.high_rad) or (speed < 0.0 and end < joint.low_rad):
+                kept[number] = 0
+        return tuple(kept)
 
     def _stalled(self, now: float) -> str | None:
         """Return the sentence of a fault if the host was silent for so long that a watchdog has tripped, or None."""
@@ -250,8 +273,11 @@ class Periods:
         if not 0.0 < self.rig.safety.watchdog_s < silent_s:
             return None
         for joint in self.rig.joints:
+            watchdog = joint.family.watchdog
+            if watchdog is None:
+                continue
             try:
-                tripped = self.link.bus.read_register(joint.id, registers(joint.product)["bus_watchdog"]) == TRIPPED
+                tripped = self.link.bus.read_register(joint.id, registers(joint.product)[watchdog]) == TRIPPED
             except BusError:
                 continue  # one that stays silent is found otherwise
             if tripped:
@@ -267,38 +293,39 @@ class Periods:
         counts = self.io.read_health(due.servo, due.address, due.size)
         if not counts:
             return None
-        table = registers(joint.product)
-        told: dict[str, float | int] = {}
-        for name, field_name in _HEALTH_FIELDS.items():
-            if name in counts:
-                scale = table[name].scale
-                told[field_name] = counts[name] if scale == 1.0 else round(counts[name] * scale, 6)
+        told = _health(joint, counts)
         self.record.write("/health", self.t(), {"joint": joint.name, "id": joint.id, **told})
-        if "hardware_error" in told:
-            hardware_error = int(told["hardware_error"])
-            fault = judge_hardware_error(joint, hardware_error, self._shutdown(joint) if hardware_error else None)
-            return fault or judge_torque(joint, int(told["torque"]))
-        return judge_health(self.rig, self.watch, joint, told["voltage_v"], told["temperature_c"])
+        fault: str | None = None
+        if told.get("hardware_error") and joint.family.protocol == "dynamixel-2.0":
+            # elsewhere each reply tells it, and it comes and goes with its cause: see `judge_alert`
+            fault = judge_hardware_error(joint, int(told["hardware_error"]), self._shutdown(joint))
+        if "torque" in told:
+            fault = fault or judge_torque(joint, int(told["torque"]))
+        if "voltage_v" in told:
+            fault = fault or judge_health(self.rig, self.watch, joint, told["voltage_v"], told["temperature_c"])
+        return fault
 
     def _alerts(self, replies: Mapping[int, Reply]) -> str | None:
         for joint in self.rig.joints:
-            if replies[joint.id].alert:
-                fault = judge_hardware_error(joint, self._hardware_error(joint), self._shutdown(joint))
+            reply = replies[joint.id]
+            if judge_alert(self.watch, joint, reply):
+                fault = judge_hardware_error(joint, self._hardware_error(joint, reply), self._shutdown(joint))
                 if fault:
                     return fault
         return None
 
     def _shutdown(self, joint: Joint) -> int | None:
-        register = registers(joint.product)["shutdown"]
+        register = registers(joint.product)[joint.family.shutdown]
         try:
             return self.link.bus.read_register(joint.id, register, attempts=1)
         except BusError:
             return None  # the sentence does without it
 
-    def _hardware_error(self, joint: Joint) -> int:
-        register = registers(joint.product)["hardware_error_status"]
+    def _hardware_error(self, joint: Joint, reply: Reply) -> int:
+        if joint.family.protocol != "dynamixel-2.0":
+            return reply.error
         try:
-            return self.link.bus.read_register(joint.id, register)
+            return self.link.bus.read_register(joint.id, registers(joint.product)[str(joint.family.hardware_error)])
         except BusError:
             return 0  # the alert comes again with the next reply
 
@@ -311,3 +338,20 @@ class Periods:
             return None  # an old pose says nothing about now
         values = self.io.sensor_values()
         return judge_tilt(rig, self.watch, values["roll"], values["pitch"])
+
+
+def _health(joint: Joint, counts: Mapping[str, int]) -> dict[str, float | int]:
+    """Return the fields of `/health` that registers give."""
+    family, table = joint.family, registers(joint.product)
+    fields = {
+        family.torque_enable: "torque",
+        family.hardware_error: "hardware_error",
+        family.voltage: "voltage_v",
+        family.temperature: "temperature_c",
+    }
+    told: dict[str, float | int] = {}
+    for name, field_name in fields.items():
+        if name is not None and name in counts:
+            scale = table[name].scale
+            told[field_name] = counts[name] if scale == 1.0 else round(counts[name] * scale, 6)
+    return told

@@ -178,6 +178,16 @@ class SerialPort(PortHandler):
         self.tx_time_per_byte = 1e3 * self.byte_s
         return True
 
+    def reopen(self) -> bool:
+        """Open the port anew after it was lost; return whether it is back."""
+        self.closePort()
+        try:
+            self._lock = PortLock(self.port_name)
+            return self.setupPort(self.baudrate)
+        except InputError:
+            self.closePort()
+            return False
+
     def closePort(self) -> None:
         """Close the port and release its lock."""
         if self.is_open:
@@ -291,6 +301,6 @@ class SerialPort(PortHandler):
 
     def _lost(self, error: Exception) -> PortLostError:
         return PortLostError(
-            f"{self.label}: the port is gone, so nothing more can be sent and the servos' own bus watchdogs stop "
-            f"them; check cable and adapter ({type(error).__name__})"
+            f"{self.label}: the port is gone, so nothing more can be sent; servos that have a bus watchdog are stopped "
+            f"by it; check cable and adapter ({type(error).__name__})"
         )

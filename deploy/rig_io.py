@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from controller.registers import Register, registers
+from controller.register import Register, decode_register, encode_register
+from controller.registers import registers
 from controller.rig import Rig
 from deploy.clock import Clock
 from deploy.joint_counts import joint_angle
 from deploy.sensor_port import SensorPort
 from deploy.sensor_reader import SensorReader
-from deploy.servo_bus import Reply, ServoBus, decode, encode
-
-_STATE: Final = ("present_position", "present_velocity", "present_current")
+from deploy.servo_bus import Reply, ServoBus
 
 
 def raw_channels(rig: Rig) -> tuple[str, ...]:
@@ -53,7 +51,16 @@ class RigIO:
         self._sensors = sensors
         self._clock = clock
         self._ids = tuple(joint.id for joint in rig.joints)
-        self._table = registers(rig.joints[0].product)
+        self._tables = tuple(registers(joint.product) for joint in rig.joints)
+        families = [joint.family for joint in rig.joints]
+        self._state = tuple(
+            tuple(table[name] for name in (family.position, family.velocity, family.load))
+            for table, family in zip(self._tables, families, strict=True)
+        )
+        self._goals = tuple(
+            table[family.goal(joint.mode)]
+            for table, family, joint in zip(self._tables, families, rig.joints, strict=True)
+        )
         self._answered_at = [-math.inf] * len(rig.joints)
 
     def read_servos(self, address: int, size: int) -> dict[int, Reply]:
@@ -70,8 +77,8 @@ class RigIO:
             if reply.status != "data":
                 continue
             self._answered_at[number] = reply.t
-            for channel, name in enumerate(_STATE):
-                self.raw[channel * njoint + number] = _field(self._table[name], reply.data, address)
+            for channel, register in enumerate(self._state[number]):
+                self.raw[channel * njoint + number] = _field(register, reply.data, address)
         return replies
 
     def read_sensors(self) -> None:
@@ -89,14 +96,16 @@ class RigIO:
         """Write every servo's goal.
 
         Args:
-            goals: goal positions [counts], (njoint,)
+            goals: of each joint's mode [counts], (njoint,)
             address: where they go
 
         Returns:
             when they were handed to the port [s], or None if it did not take them
         """
-        goal = self._table["goal_position"]
-        values = {servo: encode(goal, int(count)) for servo, count in zip(self._ids, goals, strict=True)}
+        values = {
+            servo: encode_register(register, int(count))
+            for servo, register, count in zip(self._ids, self._goals, goals, strict=True)
+        }
         return self._clock.now() if self.bus.sync_write(address, values) else None
 
     def read_health(self, number: int, address: int, size: int) -> Mapping[str, int]:
@@ -115,7 +124,7 @@ class RigIO:
             return {}
         return {
             name: _field(register, reply.data, address)
-            for name, register in self._table.items()
+            for name, register in self._tables[number].items()
             if address <= register.address and register.address + register.size <= address + size
         }
 
@@ -146,4 +155,4 @@ class RigIO:
 
 def _field(register: Register, block: bytes, first: int) -> int:
     start = register.address - first
-    return decode(register, block[start : start + register.size])
+    return decode_register(register, block[start : start + register.size])

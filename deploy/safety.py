@@ -12,12 +12,17 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from controller.controller import Controller
+from controller.registers import registers
 from controller.rig import Joint, Rig
-from deploy.dynamixel_bus import HARDWARE_ERRORS
+from deploy.joint_counts import joint_speed
 from deploy.servo_bus import Reply
 
 PERSISTENT: Final = 3
 """A heat, voltage or tilt reading must come this often in a row before it counts."""
+
+_SPEED_SHARE: Final = 0.2
+"""Below this part of the speed asked for a joint counts as blocked, unless it is asked for less than this part of its
+fastest: an estimate."""
 
 _POSE_TERMINALS: Final = ("px", "py", "goal_met", "heading_error")
 
@@ -29,7 +34,8 @@ class Watch:
     Args:
         missed: servo id => periods in a row without a valid reply
         stale: sensor => periods in a row with an old value
-        off_track_since: joint => since when goal and angle have been apart [s]
+        alerted: servo id => replies in a row that reported a hardware error
+        off_track_since: joint => since when it has not done what its goals say [s]
         hot: servo id => readings in a row above the limit
         low: servo id => readings in a row below the limit
         tilted: periods in a row with too much tilt
@@ -38,6 +44,7 @@ class Watch:
 
     missed: dict[int, int] = field(default_factory=dict)
     stale: dict[str, int] = field(default_factory=dict)
+    alerted: dict[int, int] = field(default_factory=dict)
     off_track_since: dict[str, float] = field(default_factory=dict)
     hot: dict[int, int] = field(default_factory=dict)
     low: dict[int, int] = field(default_factory=dict)
@@ -92,24 +99,42 @@ def judge_replies(rig: Rig, watch: Watch, replies: Mapping[int, Reply]) -> str |
     return None
 
 
+def judge_alert(watch: Watch, joint: Joint, reply: Reply) -> bool:
+    """Return whether to look into what a servo reports: at once where it lasts until a reboot, else if it persists.
+
+    Args:
+        watch: counts
+        joint: the joint
+        reply: its reply of this period
+    """
+    if reply.status != "data":
+        return False
+    watch.alerted[joint.id] = watch.alerted.get(joint.id, 0) + 1 if reply.alert else 0
+    return watch.alerted[joint.id] >= (1 if joint.family.protocol == "dynamixel-2.0" else PERSISTENT)
+
+
 def judge_hardware_error(joint: Joint, status: int, shutdown: int | None) -> str | None:
     """Stop when a servo reports a hardware error; its shutdown register says whether it has switched its torque off.
 
     Args:
         joint: the joint
-        status: its hardware error status
+        status: its hardware error status, or the error byte of a servo that has none
         shutdown: its shutdown register, or None if that could not be read
     """
+    family = joint.family
+    if family.hardware_error is None:
+        status &= sum(1 << bit for bit in family.error_bits)  # the others are about the question
     if not status:
         return None
-    names = [name for bit, name in HARDWARE_ERRORS.items() if status >> bit & 1] or [f"bits 0x{status:02x}"]
+    names = [name for bit, name in family.error_bits.items() if status >> bit & 1] or [f"bits 0x{status:02x}"]
     done = "" if shutdown is None else " and has switched its torque off"
     if shutdown is not None and not status & shutdown:
-        done = f", for which its shutdown register (63) of {shutdown} does not switch its torque off"
-    return (
-        f"{_named(joint)} reports a hardware error ({', '.join(names)}){done}; remove the cause, then reboot the servo "
-        "or switch it off and on"
-    )
+        address = registers(joint.product)[family.shutdown].address
+        done = f", for which its {family.shutdown} register ({address}) of {shutdown} does not switch its torque off"
+    remedy = "reboot the servo or switch it off and on"
+    if family.protocol != "dynamixel-2.0":
+        remedy = "switch the servo off and on"
+    return f"{_named(joint)} reports a hardware error ({', '.join(names)}){done}; remove the cause, then {remedy}"
 
 
 def judge_torque(joint: Joint, torque: int) -> str | None:
@@ -168,6 +193,42 @@ def judge_tracking(
         if now - since > rig.safety.tracking_s_max:
             return (
                 f"{_named(joint)} has been {abs(goal - angle):.2f} rad from its goal for {now - since:.2f} s; "
+                "look for something that blocks it"
+            )
+    return None
+
+
+def judge_speeds(
+    rig: Rig, watch: Watch, now: float, goals: Sequence[int], speeds: Sequence[int], angles_rad: Sequence[float]
+) -> str | None:
+    """Stop when a joint that is driven by its speed hardly moves, or runs the other way, or is beyond its limits.
+
+    How fast it is lags and sags with the load, so only what no healthy joint does for long counts.
+
+    Args:
+        rig: the rig
+        watch: counts
+        now: time [s]
+        goals: goals in force [velocity counts], (njoint,)
+        speeds: velocities [counts], (njoint,)
+        angles_rad: angles, (njoint,)
+    """
+    for joint, goal, speed, angle in zip(rig.joints, goals, speeds, angles_rad, strict=True):
+        slack = rig.safety.tracking_rad_max
+        if not joint.low_rad - slack <= angle <= joint.high_rad + slack:
+            return (
+                f"{_named(joint)} is at {angle:.2f} rad, outside its limits {joint.low_rad:g} to {joint.high_rad:g} "
+                "rad; move it inside by hand"
+            )
+        asked, done = joint_speed(joint, goal), joint_speed(joint, speed)
+        stuck = abs(asked) > _SPEED_SHARE * joint.speed_rad_s_max and done * asked < _SPEED_SHARE * asked * asked
+        if not stuck:
+            watch.off_track_since.pop(joint.name, None)
+            continue
+        since = watch.off_track_since.setdefault(joint.name, now)
+        if now - since > rig.safety.tracking_s_max:
+            return (
+                f"{_named(joint)} turns at {done:.2f} rad/s where {asked:.2f} are asked for, for {now - since:.2f} s; "
                 "look for something that blocks it"
             )
     return None

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from controller.errors import RunError
-from controller.registers import Register
+from controller.register import Register, decode_register, encode_register
 from deploy.port import SerialPort
 
 if TYPE_CHECKING:
@@ -54,26 +54,6 @@ class Reply:
 
 class BusError(RunError):
     """Report that a servo did not do what it was asked to."""
-
-
-def decode(register: Register, data: bytes) -> int:
-    """Return a register's count.
-
-    Args:
-        register: the register
-        data: its bytes
-    """
-    return int.from_bytes(data, "little", signed=register.signed)
-
-
-def encode(register: Register, value: int) -> bytes:
-    """Return a register's bytes.
-
-    Args:
-        register: the register
-        value: its count
-    """
-    return (value % (1 << (8 * register.size))).to_bytes(register.size, "little")
 
 
 def open_bus(port: SerialPort, rig: Rig) -> ServoBus:
@@ -260,7 +240,7 @@ class ServoBus(ABC):
         reply = self._retry(attempts, lambda: self.read(servo, register.address, register.size))
         if reply.status != "data":
             raise self._error(reply, f"reading {register.name}")
-        return decode(register, reply.data)
+        return decode_register(register, reply.data)
 
     def write_register(self, servo: int, register: Register, value: int, attempts: int = 3) -> None:
         """Write one register and read it back.
@@ -274,7 +254,7 @@ class ServoBus(ABC):
         Raises:
             BusError: if the servo does not answer, refuses, or holds another value afterwards
         """
-        reply = self._retry(attempts, lambda: self.write(servo, register.address, encode(register, value)))
+        reply = self._retry(attempts, lambda: self.write(servo, register.address, encode_register(register, value)))
         if reply.status == "refused":
             raise self._error(reply, f"writing {value} to {register.name}")
         held = self.read_register(servo, register, attempts)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
+from controller.register import Register, encode_register
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from deploy.clock import Clock
 from deploy.joint_counts import count_limits
 from deploy.port import PortLostError
-from deploy.servo_bus import BusError, ServoBus, encode
+from deploy.servo_bus import BusError, ServoBus
 
 _RELEASE_S_MAX: Final = 1.0
 _RELEASE_PAUSE_S: Final = 0.05
@@ -18,7 +19,7 @@ _WATCHDOG_UNIT_S: Final = 0.02
 
 
 def write_settings(bus: ServoBus, rig: Rig, derate: float) -> None:
-    """Write gains and torque ceiling of every servo and read them back. RAM only.
+    """Write gains, torque ceiling and what else the loop needs of every servo and read it back. RAM only.
 
     Args:
         bus: the bus
@@ -29,25 +30,34 @@ def write_settings(bus: ServoBus, rig: Rig, derate: float) -> None:
         BusError: if a servo does not take a setting
     """
     for joint in rig.joints:
-        table = registers(joint.product)
-        # in position mode Goal PWM is the ceiling of the duty, and lives in RAM
-        for name, value in (
-            ("status_return_level", 2),
-            ("bus_watchdog", 0),
-            ("position_p_gain", joint.p_gain),
-            ("position_i_gain", joint.i_gain),
-            ("position_d_gain", joint.d_gain),
-            ("feedforward_1st_gain", 0),
-            ("feedforward_2nd_gain", 0),
-            ("profile_acceleration", 0),
-            ("profile_velocity", 0),
-            ("goal_pwm", round(joint.pwm_limit * derate)),
-        ):
-            bus.write_register(joint.id, table[name], value)
+        for register, value in settings_in_ram(joint, derate):
+            bus.write_register(joint.id, register, value)
+
+
+def settings_in_ram(joint: Joint, derate: float) -> Iterator[tuple[Register, int]]:
+    """Yield what is written to a servo before it gets torque, in order: register, count.
+
+    Args:
+        joint: the servo's joint
+        derate: part of the torque ceiling that is allowed, in (0, 1]
+    """
+    family, table = joint.family, registers(joint.product)
+    in_ram = [(table[name], value) for name, value in family.settings if not table[name].eeprom]
+    first = [pair for pair in in_ram if pair[0].name in (family.status_level, family.watchdog)]
+    if family.protocol == "feetech":
+        # its lock lets EEPROM forget what is written there by mistake; a Dynamixel's own would last until power is cut
+        yield table[str(family.lock)], 1
+    yield from first
+    yield from ((table[name], count) for name, count in joint.gains.items() if not table[name].eeprom)
+    yield from (pair for pair in in_ram if pair not in first)
+    if family.torque_ceiling is not None:
+        yield table[family.torque_ceiling], round(joint.ceiling * derate)
 
 
 def seed_goals(bus: ServoBus, rig: Rig) -> tuple[int, ...]:
-    """Set every goal to where its joint stands, so that torque moves nothing.
+    """Set every goal to where its joint stands, or to rest, so that torque moves nothing.
+
+    A goal gives some servos torque, so this comes after the settings and right before `torque_on`.
 
     Args:
         bus: the bus
@@ -61,16 +71,18 @@ def seed_goals(bus: ServoBus, rig: Rig) -> tuple[int, ...]:
     """
     goals = []
     for joint in rig.joints:
-        table = registers(joint.product)
-        low, high = count_limits(joint)
-        goal = min(max(bus.read_register(joint.id, table["present_position"]), low), high)
-        bus.write_register(joint.id, table["goal_position"], goal)
+        family, table = joint.family, registers(joint.product)
+        goal = 0
+        if joint.mode == "position":
+            low, high = count_limits(joint)
+            goal = min(max(bus.read_register(joint.id, table[family.position]), low), high)
+        bus.write_register(joint.id, table[family.goal(joint.mode)], goal)
         goals.append(goal)
     return tuple(goals)
 
 
 def torque_on(bus: ServoBus, rig: Rig) -> None:
-    """Switch every servo's torque on, then arm its bus watchdog.
+    """Switch every servo's torque on, then arm its bus watchdog if it has one.
 
     Args:
         bus: the bus
@@ -80,17 +92,20 @@ def torque_on(bus: ServoBus, rig: Rig) -> None:
         BusError: if a servo refuses
     """
     for joint in rig.joints:
-        bus.write_register(joint.id, registers(joint.product)["torque_enable"], 1)
+        bus.write_register(joint.id, _torque(joint), 1)
     if rig.safety.watchdog_s > 0.0:
+        counts = round(rig.safety.watchdog_s / _WATCHDOG_UNIT_S)
         for joint in rig.joints:
-            counts = round(rig.safety.watchdog_s / _WATCHDOG_UNIT_S)
-            bus.write_register(joint.id, registers(joint.product)["bus_watchdog"], counts)
+            watchdog = _watchdog(joint)
+            if watchdog is not None:
+                bus.write_register(joint.id, watchdog, counts)
 
 
 def release(bus: ServoBus, rig: Rig, clock: Clock) -> list[Joint]:
     """Switch every servo's torque off and read it back; a servo that does not answer keeps none of the others waiting.
 
-    All are told at once, then each in turn; those that can not be read back are tried again for a second.
+    All are told at once, then each in turn; those that can not be read back are tried again for a second. A port that
+    is gone is opened again if it comes back meanwhile.
 
     Args:
         bus: the bus
@@ -100,17 +115,22 @@ def release(bus: ServoBus, rig: Rig, clock: Clock) -> list[Joint]:
     Returns:
         the joints whose torque is not known to be off
     """
-    table = registers(rig.joints[0].product)["torque_enable"]
     left = list(rig.joints)
     until = clock.now() + _RELEASE_S_MAX
-    try:
-        bus.sync_write(table.address, {joint.id: encode(table, 0) for joint in rig.joints})
-        left = [joint for joint in left if not _switch_off(bus, joint)]
-        while left and clock.now() < until:
-            clock.sleep_until(clock.now() + _RELEASE_PAUSE_S)
+    told = False
+    while left:
+        try:
+            if not told:
+                _tell_all(bus, rig)
+                told = True
             left = [joint for joint in left if not _switch_off(bus, joint)]
-    except PortLostError:
-        pass  # who is left is told
+        except PortLostError:
+            told = False
+        if not left or clock.now() >= until:
+            break
+        clock.sleep_until(clock.now() + _RELEASE_PAUSE_S)
+        if not told:
+            bus.port.reopen()
     return left
 
 
@@ -125,7 +145,7 @@ def unsure_sentence(joints: Sequence[Joint]) -> str:
 
 
 def hold(bus: ServoBus, rig: Rig) -> None:
-    """Leave every servo holding its last goal with nobody on the bus: disarm the bus watchdogs.
+    """Leave every servo holding its last goal, or at rest, with nobody on the bus: disarm the bus watchdogs.
 
     Args:
         bus: the bus
@@ -135,18 +155,48 @@ def hold(bus: ServoBus, rig: Rig) -> None:
         BusError: if a servo does not take it, or has no torque
     """
     for joint in rig.joints:
-        table = registers(joint.product)
-        bus.write_register(joint.id, table["bus_watchdog"], 0)
-        if bus.read_register(joint.id, table["torque_enable"]) != 1:
+        watchdog = _watchdog(joint)
+        if joint.mode == "velocity":
+            bus.write_register(joint.id, _goal(joint), 0)
+        if watchdog is not None:
+            bus.write_register(joint.id, watchdog, 0)
+        if bus.read_register(joint.id, _torque(joint)) != 1:
             raise BusError(f"joint {joint.name} (servo {joint.id}) was to hold, but its torque is off")
 
 
+def _tell_all(bus: ServoBus, rig: Rig) -> None:
+    """Tell all servos at once to stop, without waiting for anybody."""
+    moving = [joint for joint in rig.joints if joint.mode == "velocity"]
+    if moving:
+        bus.sync_write(_goal(moving[0]).address, {joint.id: encode_register(_goal(joint), 0) for joint in moving})
+    bus.sync_write(
+        _torque(rig.joints[0]).address, {joint.id: encode_register(_torque(joint), 0) for joint in rig.joints}
+    )
+
+
 def _switch_off(bus: ServoBus, joint: Joint) -> bool:
-    """Switch one servo's torque and watchdog off; return whether it reads so."""
-    table = registers(joint.product)
+    """Switch one servo's torque and watchdog off and let its velocity be 0; return whether it reads so."""
+    watchdog = _watchdog(joint)
     try:
-        bus.write_register(joint.id, table["torque_enable"], 0, attempts=1)
-        bus.write_register(joint.id, table["bus_watchdog"], 0, attempts=1)
+        bus.write_register(joint.id, _torque(joint), 0, attempts=1)
+        if watchdog is not None:
+            bus.write_register(joint.id, watchdog, 0, attempts=1)
+        if joint.mode == "velocity":
+            bus.write_register(joint.id, _goal(joint), 0, attempts=1)
+            return bus.read_register(joint.id, _torque(joint), attempts=1) == 0  # a goal may have switched it on
     except BusError:
         return False
     return True
+
+
+def _torque(joint: Joint) -> Register:
+    return registers(joint.product)[joint.family.torque_enable]
+
+
+def _goal(joint: Joint) -> Register:
+    return registers(joint.product)[joint.family.goal(joint.mode)]
+
+
+def _watchdog(joint: Joint) -> Register | None:
+    name = joint.family.watchdog
+    return None if name is None else registers(joint.product)[name]

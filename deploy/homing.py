@@ -1,0 +1,109 @@
+"""Bring a rig slowly to its neutral pose, then wait for rest and fresh sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, TypeAlias
+
+from controller.rig import Joint
+from deploy.joint_counts import joint_angle, joint_count, speed_count
+from deploy.period import FaultError, Period, Periods
+
+_REST_PERIODS: Final = 10
+_REST_SPEED_RAD_S: Final = 0.06
+_REST_S_MAX: Final = 10.0
+_APPROACH_HZ: Final = 4.0
+"""Speed by distance of a joint that is driven by its speed [1/s]: it slows down over the last quarter of a second."""
+_NEAR_RAD: Final = 0.05
+"""How near to neutral such a joint must be: friction may stop it a little earlier."""
+
+Goals: TypeAlias = Callable[[int], Sequence[int]]
+"""Gives the goals of a period by its number [counts], (njoint,)."""
+
+
+def home(periods: Periods) -> None:
+    """Move every joint to neutral at the rig's homing speed, and return once it rests there.
+
+    Args:
+        periods: of the run
+
+    Raises:
+        FaultError: something is wrong, or the rig does not come to rest
+        StopRunError: a person wants the run to stop
+        RunError: the run can not be recorded any more
+    """
+    rig = periods.rig
+    if rig.joints[0].mode == "position":
+        goals, nmove, rate = _positions(periods)
+    else:
+        goals, nmove, rate = _speeds(periods)
+    resting = 0
+    periods.start()
+    for k in range(nmove + math.ceil(_REST_S_MAX / rig.period_s)):
+        done = periods.walk(k, lambda k=k: goals(k), rate)  # type: ignore[misc]
+        if done.fault:
+            raise FaultError(done.fault)
+        periods.heed_stop()
+        resting = resting + 1 if k >= nmove and _at_rest(periods, done) else 0
+        if resting == _REST_PERIODS:
+            return
+    raise FaultError(
+        f"the rig did not come to rest in neutral within {_REST_S_MAX:g} s; look for what moves or blocks it"
+    )
+
+
+def _positions(periods: Periods) -> tuple[Goals, int, float]:
+    """Return goals that go straight to neutral, in how many periods, and their rate [rad/s]."""
+    rig, start = periods.rig, periods.goals
+    rate = rig.safety.homing_rad_s
+    neutral = tuple(joint_count(joint, joint.neutral_rad) for joint in rig.joints)
+    travel = [
+        abs(joint_angle(joint, a) - joint_angle(joint, b))
+        for joint, a, b in zip(rig.joints, start, neutral, strict=True)
+    ]
+    nmove = math.ceil(max(travel) / (rate * rig.period_s))
+
+    def goals(k: int) -> Sequence[int]:
+        part = min(1.0, (k + 1) / max(1, nmove))
+        return tuple(round(a + (b - a) * part) for a, b in zip(start, neutral, strict=True))
+
+    return goals, nmove, rate
+
+
+def _speeds(periods: Periods) -> tuple[Goals, int, float]:
+    """Return speeds that end in neutral, after how many periods at the least, and no rate: they may change at once."""
+    rig = periods.rig
+
+    def goals(_: int) -> Sequence[int]:
+        rate = rig.safety.homing_rad_s
+        return tuple(
+            speed_count(joint, min(max(_APPROACH_HZ * _to_neutral(joint, angle), -rate), rate))
+            for joint, angle in zip(rig.joints, periods.io.angles_rad(), strict=True)
+        )
+
+    return goals, 1, 0.0
+
+
+def _to_neutral(joint: Joint, angle: float) -> float:
+    """Return how far a joint is from neutral, by the shorter way where it may turn for ever [rad]."""
+    away = joint.neutral_rad - angle
+    return math.remainder(away, 2.0 * math.pi) if joint.unlimited else away
+
+
+def _at_rest(periods: Periods, done: Period) -> bool:
+    rig, io = periods.rig, periods.io
+    ages = io.ages_s()[3 * len(rig.joints) :]
+    moving = any(
+        abs(count) > max(1, round(_REST_SPEED_RAD_S / joint.product.velocity_unit_rad_s))
+        for joint, count in zip(rig.joints, io.velocity_counts(), strict=True)
+    )
+    away = rig.joints[0].mode == "velocity" and any(
+        abs(_to_neutral(joint, angle)) > _NEAR_RAD for joint, angle in zip(rig.joints, io.angles_rad(), strict=True)
+    )
+    return (
+        all(reply.status == "data" for reply in done.replies.values())
+        and not moving
+        and not away
+        and all(ages[number] <= rig.sensors[number].age_s_max for number in periods.needed)
+    )
