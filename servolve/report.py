@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-import struct
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from deploy.comparison import Comparison, Outcome
 from servolve.figures import RIG, SIM, force_figure, joint_figure, path_figure, timing_figure
 
 _NOTHING = (("–", "not said"),)
-_STRIP_ASPECT_MAX = 4.0
 
 NARROW = "\u202f"
 """Between a number and its unit."""
@@ -36,23 +34,6 @@ class Rows:
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     text_columns: int = 1
-
-
-@dataclass(frozen=True)
-class Strip:
-    """Hold a film strip as the page shows it.
-
-    Args:
-        data: the PNG as a data URL
-        width: of one row [px]
-        height: of one row [px]
-        rows: how many rows it is cut into
-    """
-
-    data: str
-    width: float
-    height: float
-    rows: int
 
 
 def write_report(found: Comparison, path: str | Path, strip: str | Path | None = None) -> None:
@@ -77,29 +58,30 @@ def write_report(found: Comparison, path: str | Path, strip: str | Path | None =
         raise InputError(f"{path}: the report cannot be written ({error.strerror}); name another file") from None
 
 
-def read_strip(png: bytes, origin: str) -> Strip:
-    """Prepare a film strip for the page: one that is too long for its text to be read gets a second row.
+def read_strip(png: bytes, origin: str) -> str:
+    """Prepare a film strip for the page.
 
     Args:
         png: the file's bytes
         origin: where they came from, as errors name it
+
+    Returns:
+        the picture as a data URL
 
     Raises:
         InputError: it is no PNG
     """
     if png[:8] != b"\x89PNG\r\n\x1a\n" or png[12:16] != b"IHDR":
         raise InputError(f"{origin}: is not a PNG picture; name the strip that `servolve simulate --strip` wrote")
-    width, height = struct.unpack(">II", png[16:24])
-    rows = 1 if width < _STRIP_ASPECT_MAX * height else 2
-    return Strip(f"data:image/png;base64,{base64.b64encode(png).decode()}", width / rows, height, rows)
+    return f"data:image/png;base64,{base64.b64encode(png).decode()}"
 
 
-def report_html(found: Comparison, strip: Strip | None = None) -> str:
+def report_html(found: Comparison, strip: str | None = None) -> str:
     """Return the report as HTML; the same comparison gives the same bytes.
 
     Args:
         found: the comparison
-        strip: a film strip, or None
+        strip: a film strip as a data URL, or None
     """
     from markupsafe import Markup
 

@@ -89,24 +89,3 @@ class Offscreen:
         mujoco.mjr_render(self._rect, self._scene, self._context)
         mujoco.mjr_readPixels(image, None, self._rect, self._context)
         return np.ascontiguousarray(image[::-1])
-
-
-def look_sideways(model: mujoco.MjModel, height_m: float) -> mujoco.MjvCamera:
-    """Set a model up to be seen along y without perspective: a metre is as long near as far.
-
-    Args:
-        model: the model, whose free camera is changed
-        height_m: what the picture's height shows [m]
-
-    Returns:
-        The camera; move its `lookat`.
-    """
-    model.vis.global_.orthographic = 1
-    model.vis.global_.fovy = height_m
-    camera = mujoco.MjvCamera()
-    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    camera.distance = 2.0
-    camera.azimuth = 90.0
-    camera.elevation = -6.0
-    camera.orthographic = 1
-    return camera

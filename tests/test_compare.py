@@ -350,14 +350,7 @@ def test_a_film_strip_is_embedded(found, folder):
     assert sum(reference.startswith("data:image/png;base64,") for reference in references) == 1
 
 
-def test_a_long_strip_is_cut_into_two_rows(folder):
-    from PIL import Image
-
-    for size, rows, width in (((3000, 380), 2, 1500), ((300, 380), 1, 300)):
-        path = folder / "sized.png"
-        Image.new("RGB", size).save(path)
-        strip = read_strip(path.read_bytes(), "sized.png")
-        assert (strip.rows, strip.width, strip.height) == (rows, width, 380)
+def test_what_is_no_strip_is_refused():
     with pytest.raises(InputError, match=r"odd\.jpg"):
         read_strip(b"\xff\xd8\xff" * 20, "odd.jpg")
 
