@@ -110,10 +110,14 @@ RULES = {
     "a baud rate out of range": ("baud_rate", 7, dxl.DATA_RANGE_ERROR),
     "a read-only register": ("present_position", 0, dxl.ACCESS_ERROR),
     "the model number": ("model_number", 1, dxl.ACCESS_ERROR),
-    "a mode that is not emulated": ("operating_mode", 1, dxl.RESULT_FAIL),
-    "the reverse drive mode": ("drive_mode", 1, dxl.RESULT_FAIL),
-    "an integral gain": ("position_i_gain", 10, dxl.RESULT_FAIL),
-    "another PWM slope": ("pwm_slope", 100, dxl.RESULT_FAIL),
+    "another mode": ("operating_mode", 1, 0),
+    "a mode that there is not": ("operating_mode", 2, dxl.DATA_RANGE_ERROR),
+    "a protocol that there is not": ("protocol_type", 3, dxl.DATA_RANGE_ERROR),
+    "the reverse drive mode": ("drive_mode", 1, 0),
+    "a drive mode's unused bit": ("drive_mode", 2, dxl.DATA_RANGE_ERROR),
+    "an integral gain": ("position_i_gain", 10, 0),
+    "another PWM slope": ("pwm_slope", 100, 0),
+    "a secondary id": ("secondary_id", 100, 0),
     "an armed watchdog": ("bus_watchdog", 127, 0),
     "a watchdog out of range": ("bus_watchdog", 128, dxl.DATA_RANGE_ERROR),
 }
@@ -198,8 +202,9 @@ def test_indirect_data_stand_for_other_registers(master):
 
 
 def test_an_unknown_instruction_is_an_instruction_error_and_silence_as_a_broadcast(master):
-    assert master.ask(1, 0x10, bytes.fromhex("01 44584C22")) == [(1, dxl.INSTRUCTION_ERROR, b"")]
-    assert master.ask(dxl.BROADCAST, 0x92, bytes.fromhex("01 9000 0200")) == []
+    assert master.ask(1, 0x42, bytes.fromhex("01 44584C22")) == [(1, dxl.INSTRUCTION_ERROR, b"")]
+    assert master.ask(1, dxl.SYNC_READ, block(132, 4) + b"\x01") == [(1, dxl.INSTRUCTION_ERROR, b"")]
+    assert master.ask(dxl.BROADCAST, 0x42, b"") == []
 
 
 def test_broadcast_writes_are_carried_out_in_silence(master):

@@ -1,4 +1,4 @@
-"""A servo's control table: bytes, and the rules by which a master may read and write them."""
+"""An X servo's control table: bytes, and the rules by which a master may read and write them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from controller.registers import Register
+from controller.registers_x import X330_OPERATING_MODES, XL430_OPERATING_MODES
 from deploy.virtual.dynamixel2 import (
     ACCESS_ERROR,
     DATA_LENGTH_ERROR,
@@ -13,13 +14,16 @@ from deploy.virtual.dynamixel2 import (
     DATA_RANGE_ERROR,
 )
 
-_GOAL_LIMITS: Final[Mapping[str, tuple[str | None, str]]] = {
-    "goal_pwm": (None, "pwm_limit"),
-    "goal_current": (None, "current_limit"),
-    "goal_velocity": (None, "velocity_limit"),
-    "goal_position": ("min_position_limit", "max_position_limit"),
+_GOAL_LIMITS: Final[Mapping[str, str]] = {
+    "goal_pwm": "pwm_limit",
+    "goal_current": "current_limit",
+    "goal_velocity": "velocity_limit",
 }
-"""Goal => the registers that bound it; no lower one: minus the upper."""
+"""Goal => the register that bounds it either way."""
+
+_POSITION_MODE: Final = 3
+_DRIVE_MODE_BITS: Final = 0x0D
+_PROTOCOLS: Final = frozenset({1, 2, 20, 21, 22})
 
 _INDIRECT_DATA: Final = "indirect_data_"
 
@@ -45,7 +49,9 @@ class ControlTable:
             for name, line in lines.items()
             if name.startswith(_INDIRECT_DATA)
         }
-        self._indirect_low = min(self._indirect, default=self.end)
+        self.indirect_low = min(self._indirect, default=self.end)
+        self.ram = min(line.address for line in lines.values() if not line.eeprom)
+        self._modes = X330_OPERATING_MODES if "goal_current" in lines else XL430_OPERATING_MODES
         self.restore(eeprom=True)
 
     def __getitem__(self, name: str) -> int:
@@ -87,7 +93,7 @@ class ControlTable:
         end = address + length
         if end > self.end:
             return ACCESS_ERROR, b""
-        if end <= self._indirect_low:
+        if end <= self.indirect_low:
             return 0, bytes(self.memory[address:end])
         return 0, bytes(self.memory[self._target(byte)] for byte in range(address, end))
 
@@ -123,18 +129,33 @@ class ControlTable:
             changes.append((line, value))
         return 0, changes
 
+    def takes(self, line: Register, value: int) -> bool:
+        """Return whether a register takes a count, whatever the limit registers say.
+
+        Args:
+            line: the register
+            value: the count
+        """
+        if line.name == "operating_mode":
+            return value in self._modes
+        if line.name == "drive_mode":
+            return value & ~_DRIVE_MODE_BITS == 0
+        if line.name == "protocol_type":
+            return line.low <= value <= line.high and value in _PROTOCOLS
+        return line.low <= value <= line.high
+
     def _check_value(self, line: Register, value: int) -> int:
         """Return 0 or the error of a value.
 
         The manual has two errors for a value that is out of bounds and does not say which is whose: here a goal beyond
         its limit registers is a data limit error, any other value outside its register's range a data range error.
         """
-        if line.name in _GOAL_LIMITS:
-            low_name, high_name = _GOAL_LIMITS[line.name]
-            high = self[high_name]
-            low = self[low_name] if low_name else -high
-            return 0 if low <= value <= high else DATA_LIMIT_ERROR
-        return 0 if line.low <= value <= line.high else DATA_RANGE_ERROR
+        high_name = _GOAL_LIMITS.get(line.name)
+        if high_name:
+            return 0 if abs(value) <= self[high_name] else DATA_LIMIT_ERROR
+        if line.name == "goal_position" and self["operating_mode"] == _POSITION_MODE:
+            return 0 if self["min_position_limit"] <= value <= self["max_position_limit"] else DATA_LIMIT_ERROR
+        return 0 if self.takes(line, value) else DATA_RANGE_ERROR
 
     def _target(self, byte: int) -> int:
         """Return the byte that an address means: an indirect data byte stands for the one its address names."""
@@ -142,4 +163,4 @@ class ControlTable:
         if at is None:
             return byte
         target = self.memory[at] | self.memory[at + 1] << 8
-        return target if target < self._indirect_low else byte
+        return target if target < self.indirect_low else byte

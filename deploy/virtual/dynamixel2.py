@@ -5,15 +5,25 @@ Source: ROBOTIS e-Manual, docs/en/dxl/protocol2.md.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 PING: Final = 0x01
 READ: Final = 0x02
 WRITE: Final = 0x03
+REG_WRITE: Final = 0x04
+ACTION: Final = 0x05
+FACTORY_RESET: Final = 0x06
 REBOOT: Final = 0x08
+CLEAR: Final = 0x10
+BACKUP: Final = 0x20
 STATUS: Final = 0x55
 SYNC_READ: Final = 0x82
 SYNC_WRITE: Final = 0x83
+FAST_SYNC_READ: Final = 0x8A
+BULK_READ: Final = 0x92
+BULK_WRITE: Final = 0x93
+FAST_BULK_READ: Final = 0x9A
 
 BROADCAST: Final = 0xFE
 ID_MAX: Final = 0xFC
@@ -28,6 +38,9 @@ ALERT: Final = 0x80
 
 LENGTH_MAX: Final = 1024
 """Largest length field that is taken for one: more can only be noise, and waiting for it would deafen the bus."""
+
+FAST_LENGTH_MAX: Final = 65535
+"""Largest length field there is."""
 
 _HEADER: Final = b"\xff\xff\xfd"
 _STUFFED: Final = b"\xff\xff\xfd\xfd"
@@ -63,13 +76,13 @@ def _crc_table() -> tuple[int, ...]:
 _CRC: Final = _crc_table()
 
 
-def crc16(data: bytes | bytearray) -> int:
+def crc16(data: bytes | bytearray, crc: int = 0) -> int:
     """Return the CRC-16 of a packet (polynomial 0x8005, start 0, not reflected).
 
     Args:
         data: everything before the CRC, stuffing included
+        crc: of the bytes before these
     """
-    crc = 0
     for byte in data:
         crc = ((crc & 0xFF) << 8) ^ _CRC[(crc >> 8) ^ byte]
     return crc
@@ -102,6 +115,26 @@ def encode_status(servo: int, error: int, parameters: bytes = b"") -> bytes:
         parameters: the data
     """
     return encode(servo, STATUS, bytes((error,)) + parameters)
+
+
+def encode_fast(parts: Sequence[tuple[int, int, bytes]]) -> bytes:
+    """Return the packet in which several servos answer a fast sync or bulk read: one header, then a part of each.
+
+    Each part ends with the CRC of all that is before it, as who sends it has heard it. Nothing is stuffed.
+
+    Args:
+        parts: (error, id, data) of each servo
+    """
+    length = 1 + sum(4 + len(data) for _, _, data in parts)
+    packet = _HEADER + bytes((0, BROADCAST, length & 0xFF, length >> 8, STATUS))
+    crc = crc16(packet)
+    for error, servo, data in parts:
+        part = bytes((error, servo)) + data
+        crc = crc16(part, crc)
+        ending = bytes((crc & 0xFF, crc >> 8))
+        packet += part + ending
+        crc = crc16(ending, crc)
+    return packet
 
 
 class PacketParser:

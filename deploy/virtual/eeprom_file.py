@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from controller.errors import InputError
-from controller.registers import registers
+from controller.registers import Register, registers
 from controller.rig import Rig
+from deploy.virtual.control_table import ControlTable
 
 
 def load_eeprom(path: Path, rig: Rig) -> dict[str, dict[str, int]]:
@@ -37,13 +38,19 @@ def load_eeprom(path: Path, rig: Rig) -> dict[str, dict[str, int]]:
     if not isinstance(servos, dict) or set(servos) != {joint.name for joint in rig.joints}:
         raise InputError(f"{path}: is no EEPROM file of format 1 for {rig.name}; name another file")
     for joint in rig.joints:
-        lines = {name: line for name, line in registers(joint.product).items() if line.eeprom and line.access == "rw"}
+        table = registers(joint.product)
+        lines = {name: line for name, line in table.items() if line.eeprom and line.access == "rw"}
+        takes = ControlTable(table).takes if joint.product.family.startswith("dynamixel-x") else _in_range
         for name, value in servos[joint.name].items() if isinstance(servos[joint.name], dict) else [("", None)]:
-            if name not in lines or type(value) is not int or not lines[name].low <= value <= lines[name].high:
+            if name not in lines or type(value) is not int or not takes(lines[name], value):
                 raise InputError(
                     f"{path}: servo {joint.name}: {name!r} = {value!r} is no EEPROM register with its value; correct it"
                 )
     return servos
+
+
+def _in_range(line: Register, value: int) -> bool:
+    return line.low <= value <= line.high
 
 
 def save_eeprom(path: Path, rig: Rig, contents: Sequence[Mapping[str, int]]) -> None:

@@ -23,8 +23,8 @@ from deploy.virtual.eeprom_file import load_eeprom, save_eeprom
 from deploy.virtual.faults import Fault, check_faults
 from deploy.virtual.plant import Plant, Start, Truth
 from deploy.virtual.sensors import VirtualSensors
-from deploy.virtual.servo import ERROR_HEAT, ERROR_OVERLOAD, VirtualServo
 from deploy.virtual.twin import Twin
+from deploy.virtual.x_servo import ERROR_HEAT, ERROR_OVERLOAD, XServo
 
 _HARDWARE_ERRORS: Final = {"overload": ERROR_OVERLOAD, "overheat": ERROR_HEAT}
 
@@ -73,7 +73,7 @@ class VirtualRig:
         self._eeprom_path = eeprom_path
         eeprom = load_eeprom(eeprom_path, rig) if eeprom_path else {}
         self.servos = tuple(
-            VirtualServo(joint.product, shaft, eeprom.get(joint.name) or commissioned(joint, rig))
+            XServo(joint.product, shaft, eeprom.get(joint.name) or commissioned(joint, rig))
             for joint, shaft in zip(rig.joints, self._plant.shafts, strict=True)
         )
         self._bus = VirtualBus(
