@@ -21,11 +21,15 @@ class ByteTable:
         self._owner: dict[int, Register] = {
             address: line for line in lines.values() for address in range(line.address, line.address + line.size)
         }
+        self._bytes = {line.name: line.address for line in lines.values() if line.size == 1 and not line.signed}
         self._kept = {line.name: line.initial for line in lines.values() if line.eeprom}
         self.power_up()
 
     def __getitem__(self, name: str) -> int:
         """Return a register's count."""
+        address = self._bytes.get(name)
+        if address is not None:
+            return self._memory[address]
         line = self.lines[name]
         return decode_register(line, bytes(self._memory[line.address : line.address + line.size]))
 
