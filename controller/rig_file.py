@@ -86,9 +86,11 @@ def require_bus(rig: Rig, purpose: str) -> None:
     if rig.simulated_only:
         buildable = {name: path for name, path in _shipped().items() if not load_rig(name).simulated_only}
         beside = [name for name, path in buildable.items() if path.parent == rig.path.parent]
+        # the lamps and jumpers that are told of most
+        known = [name for name in beside or buildable if name.endswith("-xc330")]
         raise InputError(
             f"rig {rig.name}: exists in simulation only, and {purpose} needs a bus; "
-            f"choose a rig that can be built, as {min(beside or buildable)}"
+            f"choose a rig that can be built, as {min(known or beside or buildable)}"
         )
 
 
