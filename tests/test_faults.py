@@ -7,7 +7,7 @@ import pytest
 
 from controller.errors import InputError
 from controller.rig_file import load_rig
-from deploy.virtual.faults import KINDS, Fault, parse_fault
+from deploy.virtual.faults import KINDS, Fault, parse_fault, read_faults
 from deploy.virtual.rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
@@ -39,6 +39,14 @@ def test_a_fault_is_read_as_written():
         ("dead=1@..", "'..' is not a time"),
         ("sensor-dead=force", "'force' is not a message letter"),
         ("supply=-1", "'-1' is not a supply voltage"),
+        ("drop=#0", "'#0' is not a count"),
+        ("drop=#x", "'#x' is not a count"),
+        ("dead=#2", "'#2' is not a servo id"),
+        ("drop=0.1:5", "drop takes no second value"),
+        ("late=0.1:x", "'x' is no time to be late by"),
+        ("wrap=1:0.5", "'0.5' is not a number of counts"),
+        ("latency-timer=0", "'0' is not a latency"),
+        ("unplug=1", "unplug takes no value; write as unplug@3.0-4.0"),
     ],
 )
 def test_a_wrong_fault_is_one_sentence(spec, expected):
@@ -56,7 +64,44 @@ def test_a_fault_of_what_is_not_there_is_refused():
 
 
 def test_the_page_lists_every_kind():
-    page = (Path(__file__).parent.parent / "docs" / "rigs.md").read_text()
-    table = page.partition("### Faults")[2].partition("### Twins")[0]
-    listed = re.findall(r"`([a-z-]+)[=@][A-Z]+`", table.replace("| what happens |", ""))
-    assert [kind for kind in listed if kind != "KIND"] == list(KINDS)
+    page = (Path(__file__).parent.parent / "docs" / "faults.md").read_text()
+    assert re.findall(r"^\| `([a-z-]+)[=@]", page, re.M) == list(KINDS)
+
+
+def test_counts_and_second_values():
+    assert parse_fault("drop=#3@2") == Fault("drop", 0.0, start_s=2.0, count=3)
+    assert parse_fault("late=0.5") == Fault("late", 0.5, more=20.0)
+    assert parse_fault("late=#1:7.5") == Fault("late", 0.0, count=1, more=7.5)
+    assert parse_fault("wrap=2@1") == Fault("wrap", 2.0, start_s=1.0)
+    assert parse_fault("wrap=2:-300") == Fault("wrap", 2.0, more=-300.0)
+    assert parse_fault("latency-timer=16") == Fault("latency-timer", 16.0)
+
+
+@pytest.mark.parametrize(
+    "spec",
+    ["drop=0.01", "drop=#3@2", "late=0.5:25@1-2.5", "wrap=2:-300", "sensor-dead=F@0.1", "unplug@1-2", "supply=4.5@3"],
+)
+def test_a_fault_tells_how_it_is_written(spec):
+    assert parse_fault(spec).spec == spec
+
+
+def test_a_file_is_a_list_of_faults(tmp_path):
+    path = tmp_path / "bad-day.toml"
+    path.write_text('format = 1\nfaults = ["drop=0.01", "dead=2@3.0"]\n')
+    listed = (Fault("drop", 0.01), Fault("dead", 2.0, start_s=3.0))
+    assert read_faults([str(path)]) == listed
+    assert read_faults(["stuck=1", str(path)]) == (Fault("stuck", 1.0), *listed)
+    for text, expected in {
+        "format = 1": "faults is not a list of texts",
+        "format = 1\nfaults = [1]": "faults is not a list of texts",
+        'format = 1\nfaults = ["drop=0.1", "ded=2"]': "line 2: top level: fault 'ded=2': kind 'ded' is not known",
+        'format = 1\nfault = ["drop=0.1"]': "did you mean 'faults'?",
+        'faults = ["drop=0.1"]': "format is missing",
+    }.items():
+        path.write_text(text + "\n")
+        with pytest.raises(InputError) as caught:
+            read_faults([str(path)])
+        assert expected in str(caught.value)
+        assert str(caught.value).startswith(str(path))
+    with pytest.raises(InputError, match="there is no such file"):
+        read_faults([str(tmp_path / "none.toml")])

@@ -196,12 +196,15 @@ def test_no_duty_within_the_dead_zone_and_a_punch_at_its_edge(bench):
         assert bench.shaft.torque() == pytest.approx(duty * bench.stall, rel=0.02, abs=1e-4)
 
 
-def test_a_voltage_that_rises_slowly(bench):
+@pytest.mark.parametrize("product", sorted(PRODUCTS))
+@pytest.mark.parametrize(("scale", "duties"), [(1.0, (0.4, 0.8, 1.0)), (2.0, (0.8, 1.0)), (0.0, (1.0, 1.0))])
+def test_a_voltage_rises_as_fast_as_the_servo_and_its_twin_say(product, scale, duties, tmp_path):
+    bench = Bench(product, tmp_path, Twin(voltage_slope_scale=scale))
     bench.plant.jam(0, True)
     slope = 4.0 * bench.product.voltage_v
     bench.aim(Drive(on=True, mode="voltage", law=Law(), slope_v_s=slope), 1.0)
-    for seconds, duty in ((0.1, 0.4), (0.1, 0.8), (0.1, 1.0)):
-        bench.run(seconds)
+    for duty in duties:
+        bench.run(0.1)
         assert bench.shaft.torque() == pytest.approx(duty * bench.stall, rel=0.02)
 
 

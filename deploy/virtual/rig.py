@@ -14,22 +14,24 @@ from typing import Final
 
 import numpy as np
 
-from controller.registers import X330_BAUD
-from controller.rig import Joint, Rig
-from deploy.drivable import require_drivable
+from controller.rig import Rig
+from controller.rig_file import require_bus
+from deploy.virtual.active_faults import ActiveFaults
+from deploy.virtual.adapter import UsbAdapter
 from deploy.virtual.bus import VirtualBus
-from deploy.virtual.dynamixel2_line import DYNAMIXEL2
 from deploy.virtual.eeprom_file import load_eeprom, save_eeprom
+from deploy.virtual.fault_effects import FaultEffects
 from deploy.virtual.faults import Fault, check_faults
 from deploy.virtual.plant import Plant, Start, Truth
 from deploy.virtual.sensors import VirtualSensors
+from deploy.virtual.servo_kinds import commissioned, framing_of, virtual_servo
 from deploy.virtual.twin import Twin
-from deploy.virtual.x_servo import ERROR_HEAT, ERROR_OVERLOAD, XServo
-
-_HARDWARE_ERRORS: Final = {"overload": ERROR_OVERLOAD, "overheat": ERROR_HEAT}
 
 PROTECT_NS: Final = 5_000_000
 """How often the servos look after their temperature, load and supply [ns]."""
+
+BABBLE_BYTES_MAX: Final = 60
+"""Bytes of garbage that a babbling sensor node puts before a line, at most."""
 
 
 class VirtualRig:
@@ -63,17 +65,16 @@ class VirtualRig:
     ) -> None:
         self.rig = rig
         self.twin = twin or Twin()
-        self._line_rng, self._sensor_rng, noise_rng = (
-            np.random.Generator(np.random.Philox(key)) for key in np.random.SeedSequence(seed).spawn(3)
+        self._line_rng, self._sensor_rng, noise_rng, adapter_rng = (
+            np.random.Generator(np.random.Philox(key)) for key in np.random.SeedSequence(seed).spawn(4)
         )
         self._now_ns = 0
-        require_drivable(rig)
+        require_bus(rig, "a virtual rig")
         self._plant = Plant(rig, self.twin, start)
-        self._supply_v = self._plant.supply_v
         self._eeprom_path = eeprom_path
         eeprom = load_eeprom(eeprom_path, rig) if eeprom_path else {}
         self.servos = tuple(
-            XServo(joint.product, shaft, eeprom.get(joint.name) or commissioned(joint, rig))
+            virtual_servo(joint.product, shaft, eeprom.get(joint.name) or commissioned(joint, rig))
             for joint, shaft in zip(rig.joints, self._plant.shafts, strict=True)
         )
         self._bus = VirtualBus(
@@ -81,14 +82,15 @@ class VirtualRig:
             rig.bus.baud,
             self._is_silent,
             self._lose_status,
-            DYNAMIXEL2,
+            framing_of(rig),
             wire_time=wire_time,
             echo=echo,
         )
         self._sensors = VirtualSensors(noise_rng, rig, self.twin, self._lose_line)
+        self._faults = ActiveFaults()
+        self._effects = FaultEffects(rig, self._plant, self.servos, self._sensors)
+        self._adapter = UsbAdapter(adapter_rng, self._faults)
         self._protect_ns = PROTECT_NS
-        self._faults: tuple[Fault, ...] = ()
-        self._struck: set[Fault] = set()
         self.set_faults(faults)
         self._advance(0)
 
@@ -125,7 +127,7 @@ class VirtualRig:
             t: when the last one has ended on the line [s]
         """
         self._advance(_ns(t))
-        if self._chance(self._line_rng, "deaf"):
+        if self.unplugged or self._faults.happens(self._line_rng, "deaf", self.now):
             return
         self._bus.feed(data, self._now_ns)
         self._keep_eeprom()
@@ -147,12 +149,22 @@ class VirtualRig:
         Args:
             t: rig time [s]
         """
-        return [(end_ns * 1e-9, reply) for end_ns, reply in self._bus.take_replies(_ns(t))]
+        packets = self._bus.take_replies(_ns(t))
+        if self.unplugged:
+            self._adapter.forget()
+            return []
+        self._adapter.carry(packets)
+        return [(at_ns * 1e-9, packet) for at_ns, packet in self._adapter.take(_ns(t))]
 
     def next_event(self) -> float | None:
-        """Return when the next status packet ends, or None if none is on its way [s]."""
-        end_ns = self._bus.next_ns()
-        return None if end_ns is None else end_ns * 1e-9
+        """Return when the next status packet may be read, or None if none is on its way [s]."""
+        times = [at for at in (self._bus.next_ns(), self._adapter.next_ns()) if at is not None]
+        return min(times) * 1e-9 if times else None
+
+    @property
+    def unplugged(self) -> bool:
+        """Return whether a fault has unplugged the bus's adapter."""
+        return self._faults.acts("unplug")
 
     # the sensor node
 
@@ -186,11 +198,14 @@ class VirtualRig:
             InputError: the rig has no such servo or message
         """
         check_faults(faults, self.rig)
-        for fault in self._struck.difference(faults):
-            self._end(fault)
-        self._struck.intersection_update(faults)
-        self._faults = tuple(faults)
+        for fault in self._faults.replace(faults):
+            self._effects.end(fault, self._now_ns)
         self._strike()
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Return all faults, those that are over or to come included."""
+        return self._faults.all
 
     # inside
 
@@ -221,8 +236,7 @@ class VirtualRig:
             at = servo.watchdog_ns()
             if at is not None:
                 yield at
-        for fault in self._faults:
-            at_s = fault.end_s if fault in self._struck else fault.start_s
+        for at_s in self._faults.times_s():
             if at_s < math.inf and _ns(at_s) > self._now_ns:
                 yield _ns(at_s)
 
@@ -239,7 +253,7 @@ class VirtualRig:
 
     def _protect(self) -> None:
         for index, servo in enumerate(self.servos):
-            if not self._acts("dead", index):
+            if not self._is_powerless(index):
                 servo.protect(PROTECT_NS * 1e-9)
 
     def _keep_eeprom(self) -> None:
@@ -254,78 +268,35 @@ class VirtualRig:
 
     def _strike(self) -> None:
         """Begin and end what has a beginning and an end."""
-        for fault in self._faults:
-            active = fault.active(self.now)
-            if active and fault not in self._struck:
-                self._struck.add(fault)
-                self._begin(fault)
-            elif not active and fault in self._struck:
-                self._struck.remove(fault)
-                self._end(fault)
+        begun, ended = self._faults.turn(self.now)
+        for fault in ended:
+            self._effects.end(fault, self._now_ns)
+        for fault in begun:
+            self._effects.begin(fault, self._now_ns)
 
-    def _begin(self, fault: Fault) -> None:
-        if fault.kind == "estop":
-            self._sensors.send_stop(self._now_ns)
-        for servo, joint in zip(self.servos, self.rig.joints, strict=True):
-            if fault.kind == "supply":
-                self._plant.supply_v = fault.value
-                servo.supply_changed()
-            elif joint.id == fault.value and fault.kind == "dead":
-                servo.power_off()
-            elif joint.id == fault.value and fault.kind in _HARDWARE_ERRORS:
-                servo.fail(_HARDWARE_ERRORS[fault.kind])
-
-    def _end(self, fault: Fault) -> None:
-        for servo, joint in zip(self.servos, self.rig.joints, strict=True):
-            if fault.kind == "supply":
-                self._plant.supply_v = self._supply_v
-                servo.supply_changed()
-            elif joint.id == fault.value and fault.kind == "dead":
-                servo.reboot(self._now_ns)
-
-    def _acts(self, kind: str, index: int) -> bool:
-        return any(fault.kind == kind and fault.value == self.rig.joints[index].id for fault in self._struck)
+    def _is_powerless(self, index: int) -> bool:
+        return self._faults.acts("dead", self.rig.joints[index].id) or self._faults.acts("brownout")
 
     def _is_silent(self, index: int) -> bool:
-        return bool(self._struck) and (self._acts("dead", index) or self._acts("mute", index))
-
-    def _chance(self, rng: np.random.Generator, kind: str) -> bool:
-        """Draw whether a fault that has a probability happens; draw only where it is configured."""
-        for fault in self._faults:
-            if fault.kind == kind and fault in self._struck and rng.random() < fault.value:
-                return True
-        return False
+        return self._is_powerless(index) or self._faults.acts("mute", self.rig.joints[index].id)
 
     def _lose_status(self, status: bytes) -> bytes | None:
-        if self._chance(self._line_rng, "drop"):
+        rng, now, happens = self._line_rng, self.now, self._faults.happens
+        if happens(rng, "drop", now):
             return None
-        return _flip_bit(self._line_rng, status) if self._chance(self._line_rng, "corrupt") else status
+        if happens(rng, "corrupt", now):
+            status = _flip_bit(rng, status)
+        return status[: int(rng.integers(1, len(status)))] if happens(rng, "truncate", now) else status
 
     def _lose_line(self, letter: str, line: bytes) -> bytes | None:
-        if any(fault.kind == "sensor-dead" and fault.letter == letter for fault in self._struck):
-            return None
-        if self._chance(self._sensor_rng, "sensor-drop"):
-            return None
-        return _flip_bit(self._sensor_rng, line) if self._chance(self._sensor_rng, "sensor-corrupt") else line
-
-
-def commissioned(joint: Joint, rig: Rig) -> dict[str, int]:
-    """Return what a servo's EEPROM holds once it has been set up for its rig, where that is not the factory's.
-
-    Args:
-        joint: the servo's joint
-        rig: the rig
-
-    Returns:
-        register name => count
-    """
-    baud = next(value for value, rate in X330_BAUD.items() if rate == rig.bus.baud)
-    return {
-        "id": joint.id,
-        "baud_rate": baud,
-        "return_delay_time": rig.bus.return_delay_us // 2,
-        "pwm_limit": joint.pwm_limit,
-    }
+        rng, now, faults = self._sensor_rng, self.now, self._faults
+        babble = b""
+        if faults.acts("sensor-babble"):
+            babble = rng.integers(0, 256, int(rng.integers(1, BABBLE_BYTES_MAX)), dtype=np.uint8).tobytes()
+        silent = faults.acts("sensor-silent") or any(fault.letter == letter for fault in faults.acting("sensor-dead"))
+        if silent or faults.happens(rng, "sensor-drop", now):
+            return babble or None
+        return babble + (_flip_bit(rng, line) if faults.happens(rng, "sensor-corrupt", now) else line)
 
 
 def _flip_bit(rng: np.random.Generator, data: bytes) -> bytes:

@@ -11,6 +11,7 @@ motor and encoder, is reckoned before each physics step. Drives without it cost 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from controller.rig import Joint
@@ -100,6 +101,7 @@ class JointShaft:
         Args:
             drive: by its registers
         """
+        drive = replace(drive, slope_v_s=drive.slope_v_s * self._twin.voltage_slope_scale)
         if drive.mode != self._drive.mode:
             self._integral = self._feedforward = 0.0
             # a goal of the old mode means nothing in the new one

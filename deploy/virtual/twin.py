@@ -25,6 +25,7 @@ class JointTwin:
         joint_damping_scale: viscous friction
         armature_scale: rotor inertia
         backlash_scale: play between gears over the product's; 0: none
+        voltage_slope_scale: how fast the motor's voltage may change, over what the servo's register says; 0: at once
         encoder_bias_rad: how much too far the encoder is, in the rig's angle [rad]
     """
 
@@ -36,6 +37,7 @@ class JointTwin:
     joint_damping_scale: float = 1.0
     armature_scale: float = 1.0
     backlash_scale: float = 0.0
+    voltage_slope_scale: float = 0.0
     encoder_bias_rad: float = 0.0
 
 
@@ -44,7 +46,7 @@ class Twin(JointTwin):
     """Say how the virtual rig differs from the rig's simulation; scale 1, bias and noise 0: not at all.
 
     What it has in common with `JointTwin` is for every joint; a joint of `joints` has its own on top: scales are
-    multiplied, biases and backlash added.
+    multiplied; biases, backlash and slope, which are 0 unless stated, added.
 
     Args:
         name: what to call it
@@ -117,7 +119,7 @@ class Twin(JointTwin):
 JOINT_KEYS: Final = tuple(field.name for field in fields(JointTwin))
 """Keys that a joint can have of its own."""
 
-_ADDED: Final = ("backlash_scale", "encoder_bias_rad")
+_ADDED: Final = ("backlash_scale", "voltage_slope_scale", "encoder_bias_rad")
 
 _RANGES: Final[dict[str, tuple[float, float]]] = {
     "torque_scale": (0.05, 5.0),
@@ -128,6 +130,7 @@ _RANGES: Final[dict[str, tuple[float, float]]] = {
     "joint_damping_scale": (0.0, 20.0),
     "armature_scale": (0.1, 10.0),
     "backlash_scale": (0.0, 20.0),
+    "voltage_slope_scale": (0.0, 20.0),
     "encoder_bias_rad": (-0.5, 0.5),
     "friction_scale": (0.05, 5.0),
     "mass_scale": (0.2, 5.0),
