@@ -16,9 +16,10 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from controller import Controller, Rig, controller_text, load_controller
+from controller import Controller, Rig, controller_text, load_controller, load_rig
 from controller.errors import InputError, RunError
 from controller.native import pack_cycle
+from controller.rig_file import rig_names
 from deploy.checks import Finding, check_controller
 from deploy.connection import connect_ports, connect_virtual
 from deploy.drivable import require_drivable
@@ -86,7 +87,7 @@ def deploy(
     """
     program = load_controller(controller)
     about = rig_of(controller, program, rig)
-    require_drivable(about)
+    _require_drivable(about, program)
     virtual = port == VIRTUAL
     _check_arguments(virtual, goal, seconds, derate, bool(twin or fault or seed), sensor_port, real_time)
     if seed < 0:
@@ -125,6 +126,27 @@ def deploy(
         return 0
     unsure = unsure_sentence(outcome.unsure) if outcome.unsure else outcome.reason
     raise RunError(outcome.reason if unsure == outcome.reason else f"{outcome.reason}; {unsure}")
+
+
+def _require_drivable(rig: Rig, program: Controller) -> None:
+    """Refuse a rig that is not to be built, and recommend another only to a controller that fits it."""
+    if rig.simulated_only and not any(_fits(program, load_rig(name)) for name in rig_names()):
+        raise InputError(
+            f"rig {rig.name}: exists in simulation only, and {program.name} fits no rig that can be built; evolve a"
+            " controller on one of those that `servolve rig list` shows with servos"
+        )
+    require_drivable(rig)
+
+
+def _fits(program: Controller, rig: Rig) -> bool:
+    """Tell whether a rig can be built and a controller runs on it."""
+    if rig.simulated_only:
+        return False
+    try:
+        pack_cycle(program, rig)
+    except InputError:
+        return False
+    return True
 
 
 def _check_arguments(

@@ -170,3 +170,16 @@ def test_a_controller_that_does_not_fit_the_rig_is_refused(deploy, tmp_path):
     status, _, err = deploy(controller=str(path))
     assert status == 2
     assert "can not supply 's7'" in err and err.count("\n") == 1
+
+
+def test_another_rig_is_recommended_to_a_controller_that_fits_it(request, tmp_path, capsys):
+    text = (request.config.rootpath / "tests" / "golden" / "lamp-hop.controller.toml").read_text()
+    for name, changed, told in (
+        ("px", text, "choose a rig that can be built, as lamp-xc330"),
+        ("vx", text.replace("px", "vx"), "lamp-hop fits no rig that can be built; evolve a controller on one"),
+    ):
+        path = tmp_path / f"{name}.controller.toml"
+        path.write_text(changed)
+        assert main(["deploy", str(path), "--rig", "paper-lamp"]) == 2
+        err = capsys.readouterr().err
+        assert told in err and err.count("\n") == 1
