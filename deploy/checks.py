@@ -34,6 +34,7 @@ _USB_LATENCY_S_MAX: Final = 0.0015
 _LATE_S_MAX: Final = 0.003
 _DELAY_S_MAX: Final = 508e-6
 """The longest that a servo can be set to wait before it answers [s]."""
+_PATIENCE_S: Final = 0.1
 _LINE_SHARE_MAX: Final = 0.8
 _TABLE_GAP: Final = 8
 """Bytes without a register after which a table holds nothing that is checked: indirect data, or the maker's own."""
@@ -188,6 +189,14 @@ def _check_servo(bus: ServoBus, rig: Rig, joint: Joint, waits_s: list[float]) ->
     for _ in range(2):
         if reply.status != "data":
             reply, model = bus.ping(joint.id)
+    if reply.status == "missing":
+        slow_s = _patient_ping_s(bus, joint)
+        if slow_s is not None:
+            text = (
+                f"{named}: answers {1e3 * slow_s:.0f} ms late; set the adapter's latency timer to 1 ms, or look for "
+                "what else holds bytes back"
+            )
+            return Reading(joint, {}), [Finding("error", text)]
     if reply.status != "data":
         said = "does not answer" if reply.status == "missing" else "answers with corrupt packets only"
         where = f"on {bus.port.label} at {rig.bus.baud} baud"
@@ -209,6 +218,17 @@ def _check_servo(bus: ServoBus, rig: Rig, joint: Joint, waits_s: list[float]) ->
     if hardware:
         findings.append(Finding("error", hardware))
     return Reading(joint, values), sorted(findings, key=lambda finding: finding.level)
+
+
+def _patient_ping_s(bus: ServoBus, joint: Joint) -> float | None:
+    """Ask once more and wait for long; return how long the answer took, or None if there is none [s]."""
+    usual_s, bus.port.latency_s = bus.port.latency_s, _PATIENCE_S
+    try:
+        asked = bus.port.now()
+        reply, _ = bus.ping(joint.id)
+        return reply.t - asked if reply.status == "data" else None
+    finally:
+        bus.port.latency_s = usual_s
 
 
 def _read_table(bus: ServoBus, joint: Joint, waits_s: list[float]) -> tuple[dict[str, int], int, str]:

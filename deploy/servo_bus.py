@@ -8,7 +8,7 @@ the SDKs share:
 - `getData` gives 0, a legal position, where there is no data: `Reply.data` is empty.
 - Sync read discards the status error: `Reply.error` and `Reply.alert`.
 - `is_using` stays set after an exception, or a send without a reply: it is released on every way out.
-- A late reply answers the next question: see `_await_late_replies`.
+- A late reply answers the next question: see `ServoBus._unlike_late`.
 - They wait busily and by the wall clock: see `deploy.port`.
 """
 
@@ -17,8 +17,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 from controller.errors import RunError
 from controller.register import Register, decode_register, encode_register
@@ -26,6 +26,11 @@ from deploy.port import SerialPort
 
 if TYPE_CHECKING:
     from controller.rig import Rig
+
+LATE_S_MAX: Final = 0.25
+"""A reply that has not come by then will not come: longer than any adapter holds bytes back. An estimate."""
+
+_EXTRA_MAX: Final = 3
 
 
 @dataclass(frozen=True)
@@ -165,7 +170,11 @@ class ServoBus(ABC):
             address: first byte
             length: bytes
         """
-        return self._ask(servo, length, lambda: self._send_read(servo, address, length))
+        asked = self._unlike_late([servo], length)
+        reply = self._ask(servo, asked, lambda: self._send_read(servo, address, asked))
+        if reply.status == "refused" and asked != length:  # there is nothing behind the block
+            reply = self._ask(servo, length, lambda: self._send_read(servo, address, length))
+        return _shortened(reply, length)
 
     def write(self, servo: int, address: int, data: bytes) -> Reply:
         """Write a block of registers.
@@ -198,8 +207,6 @@ class ServoBus(ABC):
             return {servo: self.read(servo, address, length) for servo in servos}
         order = [servo for servo in servos if servo not in self._silent]
         order += [servo for servo in servos if servo in self._silent]
-        with self._transaction():
-            self._await_late_replies(servos, length)
         replies = self._sync_read_once(order, address, length)
         answered = [index for index, servo in enumerate(order) if replies[servo].status != "missing"]
         first_silent = answered[-1] + 1 if answered else 0
@@ -268,16 +275,17 @@ class ServoBus(ABC):
 
     def _ask(self, servo: int, length: int, send: Callable[[], bool]) -> Reply:
         with self._transaction():
-            self._await_late_replies([servo], length)
             if not send():
                 return Reply(servo, "missing", b"", 0, self.port.now())
             return self._receive([servo], length)[servo]
 
     def _sync_read_once(self, servos: Sequence[int], address: int, length: int) -> dict[int, Reply]:
+        asked = self._unlike_late(servos, length)
         with self._transaction():
-            if not self._send_sync_read(servos, address, length):
+            if not self._send_sync_read(servos, address, asked):
                 return {servo: Reply(servo, "missing", b"", 0, self.port.now()) for servo in servos}
-            return self._receive(servos, length)
+            replies = self._receive(servos, asked)
+        return {servo: _shortened(reply, length) for servo, reply in replies.items()}
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -289,21 +297,24 @@ class ServoBus(ABC):
             if self.port.is_open:
                 self.port.end_transaction()
 
-    def _await_late_replies(self, servos: Sequence[int], length: int) -> None:
-        # The protocols number nothing: a late reply of equal length would pass for the answer. Wait until none comes.
-        late = [self._late.pop((servo, length), 0.0) for servo in servos]
-        until = max(late)
-        missing = sum(self.status_bytes + length for t in late if t > 0.0)
-        while missing > 0 and self.port.now() < until:
-            if self.port.wait(until):
-                missing -= self.port.drop_waiting()
+    def _unlike_late(self, servos: Sequence[int], length: int) -> int:
+        """Return how many bytes to ask for, so that no reply that is still missing could pass for the answer.
+
+        The protocols number nothing, but a reply has the length that was asked for: after a lost reply the next
+        question asks for one byte more.
+        """
+        now = self.port.now()
+        self._late = {key: until for key, until in self._late.items() if until > now}
+        lengths = range(length, length + _EXTRA_MAX + 1)
+        free = (asked for asked in lengths if not any((servo, asked) in self._late for servo in servos))
+        oldest = min(lengths, key=lambda asked: max(self._late.get((servo, asked), 0.0) for servo in servos))
+        return next(free, oldest)
 
     def _receive(self, servos: Sequence[int], length: int) -> dict[int, Reply]:
         """Collect the replies of servos, of length data bytes each, until all, the last one, or the deadline."""
         port = self.port
         nbyte = self.status_bytes + length + self.stuffing_bytes
         port.expect(len(servos) * nbyte, len(servos), self.return_delay_s)
-        late = port.now() + 2.0 * port.latency_s
         replies: dict[int, Reply] = {}
         corrupt = False
         while len(replies) < len(servos):
@@ -323,7 +334,7 @@ class ServoBus(ABC):
         for servo in servos:
             if servo not in replies:
                 replies[servo] = Reply(servo, "corrupt" if corrupt else "missing", b"", 0, port.now())
-                self._late[servo, length] = late
+                self._late[servo, length] = port.now() + LATE_S_MAX
         return replies
 
     def _retry(self, attempts: int, transaction: Callable[[], Reply]) -> Reply:
@@ -340,3 +351,7 @@ class ServoBus(ABC):
             "refused": f"refused: {reply.refusal}",
         }[reply.status]
         return BusError(f"servo {reply.id} on {self.port.label}: {doing}, it {said}")
+
+
+def _shortened(reply: Reply, length: int) -> Reply:
+    return replace(reply, data=reply.data[:length]) if len(reply.data) > length else reply

@@ -189,7 +189,8 @@ def test_a_late_reply_does_not_answer_the_next_question(scripted):
 
         def answer(frame):
             told.append(frame)
-            return [(0.0036 if len(told) == 1 else 0.0005, status(1, position(len(told))))]
+            data = position(len(told)) + bytes(frame[10] - 4)
+            return [(0.0036 if len(told) == 1 else 0.0005, status(1, data))]
 
         return answer
 
@@ -199,13 +200,27 @@ def test_a_late_reply_does_not_answer_the_next_question(scripted):
     port.time = 0.0033
     assert bytes(sdk.readTxRx(port, 1, 132, 4)[0]) == position(1)  # the SDK: a stale value, taken for a fresh one
     port = scripted(first_late())
-    strays = []
     bus = DynamixelBus(port)
     assert bus.read(1, 132, 4).status == "missing"
-    port.tap = lambda direction, t, data: strays.append(data) if direction == "stray" else None
     port.time = 0.0033
     assert bus.read(1, 132, 4).data == position(2)
-    assert strays == [status(1, position(1))]
+    assert [frame[10] for frame in port.sent_frames] == [4, 5]  # the second asks for one byte more
+    port.time = 1.0
+    bus.read(1, 132, 4)
+    assert port.sent_frames[-1][10] == 4  # nothing can be late any more
+
+
+def test_what_can_not_be_read_one_byte_further_is_read_as_it_is(scripted):
+    def answer(frame):
+        if len(port.sent_frames) == 1:
+            return []
+        return [(1e-4, status(1, b"\x07") if frame[10] == 1 else status(1, error=dxl.ACCESS_ERROR))]
+
+    port = scripted(answer)
+    bus = DynamixelBus(port)
+    assert bus.read(1, 146, 1).status == "missing"
+    assert bus.read(1, 146, 1).data == b"\x07"
+    assert [frame[10] for frame in port.sent_frames] == [1, 2, 1]
 
 
 def test_a_reply_that_waits_is_taken_however_late_the_process_wakes(scripted):

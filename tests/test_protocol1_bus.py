@@ -136,7 +136,8 @@ def test_a_late_reply_does_not_answer_the_next_question(scripted):
 
         def answer(frame):
             told.append(frame)
-            return [(0.0036 if len(told) == 1 else 0.0005, status(1, bytes((len(told), 0))))]
+            data = bytes((len(told), *bytes(frame[6] - 1)))
+            return [(0.0036 if len(told) == 1 else 0.0005, status(1, data))]
 
         return answer
 
