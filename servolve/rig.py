@@ -12,8 +12,12 @@ from cyclopts import App, Parameter
 
 from controller.rig import Rig
 from controller.rig_file import load_rig, rig_names
+from servolve.rig_monitor import monitor
+from servolve.rig_scan import scan_port
 
-app = App(name="rig", help="List rigs, and serve a virtual one to other programs.")
+app = App(name="rig", help="List rigs, look after real ones, and serve virtual ones to other programs.")
+app.command(scan_port, name="scan")
+app.command(monitor)
 
 
 @app.command(name="list")

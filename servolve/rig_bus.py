@@ -1,0 +1,34 @@
+"""Open the servo bus of a rig for the commands that look after it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from controller.rig import Rig
+from controller.rig_file import require_bus
+from deploy.port import SerialPort
+from deploy.servo_bus import ServoBus, open_bus
+
+
+@contextmanager
+def rig_bus(rig: Rig, port: str, purpose: str) -> Iterator[ServoBus]:
+    """Open a rig's bus in real time.
+
+    Args:
+        rig: the rig
+        port: device path or ``socket://HOST:PORT``
+        purpose: what needs the bus, as an error names it
+
+    Yields:
+        the bus
+
+    Raises:
+        InputError: the rig has no bus, or the port can not be opened
+    """
+    require_bus(rig, purpose)
+    line = SerialPort(port, rig.bus.baud)
+    try:
+        yield open_bus(line, rig)
+    finally:
+        line.closePort()

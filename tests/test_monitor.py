@@ -1,0 +1,138 @@
+"""Monitoring reads what the rig is and does, counts what it misses, and writes nothing."""
+
+import json
+from itertools import islice
+
+import pytest
+from served_rig import serve, servolve
+
+from controller import load_rig
+from deploy.clock import LockstepClock
+from deploy.lockstep_port import LockstepPort
+from deploy.monitor import watch
+from deploy.servo_bus import open_bus
+from deploy.virtual.faults import parse_fault
+from deploy.virtual.lockstep import LockstepBench
+from deploy.virtual.rig import VirtualRig
+from servolve.cli import main
+
+X330 = load_rig("lamp-xc330")
+PERIOD_S = 0.02
+READS = (0x01, 0x02, 0x82, 0x92)  # ping, read, sync read, bulk read: the same in all protocols
+RIGS = ("lamp-xc330", "lamp-xl430", "lamp-ax12", "lamp-sts3215")
+
+
+def watched(rig, cycles, faults=()):
+    """Watch a virtual rig in lock step; return the last view, its truth and the instructions that were sent."""
+    virtual = VirtualRig(rig, faults=[parse_fault(fault) for fault in faults])
+    sent = []
+    with LockstepBench(virtual) as bench:
+        bus = open_bus(LockstepPort(bench, rig.bus.baud), rig)
+        place = 7 if rig.bus.protocol == "dynamixel-2.0" else 4
+        bus.port.tap = lambda way, _, frame: sent.append(frame[place]) if way == "tx" else None
+        try:
+            view = list(islice(watch(bus, rig, LockstepClock(bench), PERIOD_S), cycles))[-1]
+        finally:
+            bus.close()
+        return view, virtual.truth(), sent
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_it_sees_the_rig_as_it_is_and_only_reads(name):
+    rig = load_rig(name)
+    view, truth, sent = watched(rig, 16)
+    for servo, angle in zip(view.servos, truth.joint_rad, strict=True):
+        unit = 6.3 / servo.joint.product.ticks_per_turn
+        assert servo.angle_rad == pytest.approx(angle, abs=2 * unit + servo.joint.product.backlash_rad)
+        assert servo.scaled(servo.family.voltage) == pytest.approx(rig.supply_v, abs=0.2)
+        assert 15 < servo.scaled(servo.family.temperature) < 45
+        assert servo.values[servo.family.torque_enable] == 0
+        assert (servo.missed, servo.errors) == (0, ())
+    assert set(sent) <= set(READS)
+    assert view.cycles == 16
+    assert view.rate_hz == pytest.approx(1 / PERIOD_S, rel=0.1)
+
+
+def test_who_is_silent_is_counted_and_the_others_are_read_on():
+    view, _, _ = watched(X330, 50, ["dead=2@0.5"])
+    a0, a1, a2 = view.servos
+    assert (a0.missed, a2.missed) == (0, 0)
+    assert 10 < a1.missed == a1.missed_in_a_row < 50
+    assert view.t - a1.read_at > 0.3 > 0.1 > view.t - a0.read_at
+
+
+def test_lost_replies_are_told_from_corrupt_ones():
+    view, _, _ = watched(X330, 60, ["drop=0.1"])
+    assert all(0 < servo.missed < 30 and servo.corrupt == 0 for servo in view.servos)
+    view, _, _ = watched(X330, 60, ["corrupt=0.1"])
+    assert sum(servo.corrupt for servo in view.servos) > 5
+
+
+def test_a_hardware_error_is_put_in_words():
+    view, _, _ = watched(X330, 20, ["overload=3@0.1"])
+    assert [servo.errors for servo in view.servos] == [(), (), ("overload",)]
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    process = serve(tmp_path_factory.mktemp("rig"), "lamp-xc330")
+    yield process
+    process.kill()
+
+
+def test_the_command_prints_lines_where_there_is_no_terminal(served):
+    monitor = servolve("rig", "monitor", "lamp-xc330", "--port", str(served.bus), "--seconds", "1", "--every", "0.2")
+    status, lines = monitor.end()
+    assert status == 0
+    lines = [line.split() for line in lines if " rad/s " in line]
+    assert {line[1] for line in lines} == {"a0", "a1", "a2"}
+    assert [line[2] for line in lines[:3]] == ["1", "2", "3"]
+    assert all(abs(float(line[3])) < 0.1 for line in lines[-3:] if line[3] != "-")
+
+
+def test_the_command_prints_json_lines(served, capfd):
+    arguments = [
+        "rig",
+        "monitor",
+        "lamp-xc330",
+        "--port",
+        str(served.bus),
+        "--seconds",
+        "0.5",
+        "--every",
+        "0",
+        "--json",
+    ]
+    assert main(arguments) == 0
+    samples = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
+    assert len(samples) > 3
+    assert [servo["joint"] for servo in samples[-1]["servos"]] == ["a0", "a1", "a2"]
+    assert samples[-1]["servos"][0]["load_unit"] == "A"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "expected"),
+    [
+        (["lamp-xc330", "--port", "/no/such/port"], 2, "cannot be opened"),
+        (["paper-lamp", "--port", "/dev/null"], 2, "monitoring needs a bus"),
+        (["lamp-xc330", "--port", "/dev/null", "--seconds", "0"], 2, "--seconds 0: is no time to watch"),
+        (["lamp-xc330", "--port", "/dev/null", "--seconds", "nan"], 2, "--seconds nan"),
+        (["lamp-xc330", "--port", "/dev/null", "--hz", "0"], 2, "--hz 0: is out of range"),
+        (["lamp-xc330", "--port", "/dev/null", "--every", "-1"], 2, "--every -1"),
+    ],
+)
+def test_wrong_arguments_are_one_sentence(arguments, status, expected, capfd):
+    assert main(["rig", "monitor", *arguments]) == status
+    error = capfd.readouterr().err
+    assert expected in error
+    assert error.count("\n") == 1
+
+
+def test_a_rig_that_is_not_there(served, capfd, tmp_path):
+    rig = tmp_path / "other.rig.toml"
+    text = X330.text.replace('body = "lamp.xml"', f'body = "{X330.body}"')
+    for servo in (1, 2, 3):
+        text = text.replace(f"\nid = {servo}\n", f"\nid = {servo + 100}\n")
+    rig.write_text(text)
+    assert main(["rig", "monitor", str(rig), "--port", str(served.bus), "--seconds", "0.2"]) == 1
+    assert "no servo of rig lamp-xc330 answers at 1000000 baud" in capfd.readouterr().err

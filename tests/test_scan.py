@@ -1,0 +1,165 @@
+"""Scanning finds what is on a line, and says what it is not sure of."""
+
+import pytest
+
+from controller import load_rig
+from controller.errors import InputError
+from deploy.lockstep_port import LockstepPort
+from deploy.pings import broadcast_ping, ping_each
+from deploy.port import SerialPort
+from deploy.scan import scan, scan_steps
+from deploy.virtual.faults import parse_fault
+from deploy.virtual.lockstep import LockstepBench
+from deploy.virtual.pty_line import PtyLine
+from deploy.virtual.rig import VirtualRig
+
+X330 = load_rig("lamp-xc330")
+IDS = [joint.id for joint in X330.joints]
+
+
+def found_on(rig, steps, ids=(), refused=()):
+    """Scan a virtual rig in lock step."""
+
+    def open_port(baud):
+        if baud in refused:
+            raise InputError("no such rate")
+        return LockstepPort(bench, baud)
+
+    with LockstepBench(rig) as bench:
+        return [step for step in scan(open_port, steps, ids) if step.found is not None]
+
+
+def test_all_bit_rates_and_protocols_are_asked_the_likeliest_first():
+    steps = scan_steps()
+    assert steps[:2] == [("dynamixel-2.0", 1_000_000), ("protocol-1", 1_000_000)]
+    assert {baud for framing, baud in steps if framing == "dynamixel-2.0"} >= {
+        9600,
+        57600,
+        115200,
+        2_000_000,
+        4_500_000,
+    }
+    assert {baud for framing, baud in steps if framing == "protocol-1"} >= {9600, 19200, 38400, 76800, 128_000, 500_000}
+    assert len(set(steps)) == len(steps)
+    assert scan_steps(("dynamixel-1.0",), [1_000_000]) == [("protocol-1", 1_000_000)]
+
+
+def test_every_servo_is_found_once_with_what_it_is_set_to():
+    asked = [("dynamixel-2.0", 57_600), ("protocol-1", 1_000_000), ("dynamixel-2.0", 1_000_000)]
+    steps = found_on(VirtualRig(X330), asked)
+    assert [(step.framing, step.baud, len(step.found)) for step in steps] == [
+        (*step, count) for step, count in zip(asked, (0, 0, 3), strict=True)
+    ]
+    found = [servo for step in steps for servo in step.found]
+    assert [(servo.id, servo.baud, servo.model, servo.products) for servo in found] == [
+        (servo, 1_000_000, 1230, ("xc330-m181",)) for servo in IDS
+    ]
+    assert [servo.values["id"] for servo in found] == IDS
+    assert all(servo.values["present_input_voltage"] == 50 and not servo.shared for servo in found)
+
+
+def test_a_port_that_lacks_a_bit_rate_is_no_reason_to_stop():
+    steps = found_on(
+        VirtualRig(X330), [("dynamixel-2.0", 4_500_000), ("dynamixel-2.0", 1_000_000)], refused=[4_500_000]
+    )
+    assert [bool(step.skipped) for step in steps] == [True, False]
+    assert [servo.id for servo in steps[1].found] == IDS
+    with pytest.raises(InputError, match="no such rate"):
+        found_on(VirtualRig(X330), [("dynamixel-2.0", 9600)], refused=[9600])
+
+
+def test_ids_narrow_what_is_told():
+    steps = found_on(VirtualRig(X330), [("dynamixel-2.0", 1_000_000)], ids=[2, 9])
+    assert [servo.id for servo in steps[0].found] == [2]
+
+
+def test_a_dead_servo_and_a_lost_answer():
+    rig = VirtualRig(X330, faults=[parse_fault("dead=2")])
+    assert [servo.id for servo in found_on(rig, [("dynamixel-2.0", 1_000_000)])[0].found] == [1, 3]
+
+
+def test_noise_is_no_servo():
+    """Every answer on the line is corrupt: who is there can not be told, and nobody else is invented."""
+    rig = VirtualRig(X330, seed=3, faults=[parse_fault("corrupt=1")])
+    steps = found_on(rig, [("dynamixel-2.0", 1_000_000)], ids=range(6))
+    assert {servo.id for servo in steps[0].found} <= set(IDS)
+    assert all(servo.shared for servo in steps[0].found)
+
+
+class Line(SerialPort):
+    """The port over a real pseudo terminal, with a script at the other end and time that only waiting moves."""
+
+    def __init__(self, answer, latency_s=0.002):
+        self.line, self.answer, self.time, self.coming, self.asked = PtyLine(), answer, 0.0, [], []
+        super().__init__(self.line.path, 1_000_000)
+        self.latency_s = latency_s
+
+    def now(self):
+        return self.time
+
+    def writePort(self, packet):  # noqa: N802
+        frame = self.line.read(super().writePort(packet))
+        self.asked.append(frame)
+        self.coming = sorted(self.coming + [(self.time + after, data) for after, data in self.answer(frame)])
+
+    def wait(self, deadline):
+        while not self.waiting():
+            if not self.coming or self.coming[0][0] > deadline:
+                self.time = max(self.time, deadline)
+                return False
+            self.time, data = self.coming.pop(0)
+            self.line.write_through(data)
+        return True
+
+    def closePort(self):  # noqa: N802
+        super().closePort()
+        self.line.close()
+
+
+@pytest.fixture
+def line():
+    """Return a function that opens a port with a script at its other end."""
+    opened = []
+
+    def open_line(answer, **settings):
+        opened.append(Line(answer, **settings))
+        return opened[-1]
+
+    yield open_line
+    for port in opened:
+        port.closePort()
+
+
+PING_1, STATUS_1 = bytes.fromhex("FFFF 01 02 01 FB"), bytes.fromhex("FFFF 01 02 00 FC")
+BROADCAST = bytes.fromhex("FFFFFD00 FE 0300 01 3142")
+STATUS_2 = bytes.fromhex("FFFFFD00 01 0700 55 00 0604 26 655D")
+
+
+def test_pings_are_the_manuals_and_so_are_the_answers(line):
+    port = line(lambda _: [(0.01, STATUS_2[:5]), (0.012, STATUS_2[5:])])
+    assert broadcast_ping(port).models == {1: 0x0406}
+    assert port.asked == [BROADCAST]
+    port = line(lambda frame: [(1e-3, STATUS_1)] if frame == PING_1 else [])
+    answers = ping_each(port, range(4))
+    assert (answers.models, answers.garbled) == ({1: 0}, False)
+    assert port.asked[1] == PING_1
+
+
+@pytest.mark.parametrize("others", [range(2, 8), ()])
+def test_an_answer_that_an_adapter_held_back_counts_for_its_servo(line, others):
+    port = line(lambda frame: [(0.016, STATUS_1)] if frame == PING_1 else [], latency_s=0.02)
+    answers = ping_each(port, [0, 1, *others])
+    assert (answers.models, answers.garbled) == ({1: 0}, False)
+
+
+def test_two_servos_with_one_id_garble_the_answer(line):
+    other = bytes.fromhex("FFFFFD00 01 0700 55 00 B004 26 1234")
+    both = bytes(a & b for a, b in zip(STATUS_2, other, strict=True))
+    answers = broadcast_ping(line(lambda _: [(0.01, both)]))
+    assert (answers.models, answers.garbled) == ({}, True)
+    assert broadcast_ping(line(lambda _: [(0.01, STATUS_2 + STATUS_2)])).garbled
+
+
+def test_an_echo_is_no_answer(line):
+    answers = broadcast_ping(line(lambda frame: [(0.0, frame), (0.01, STATUS_2)]))
+    assert (answers.models, answers.garbled) == ({1: 0x0406}, False)
