@@ -27,6 +27,7 @@ class LockstepBench:
         self.rig = rig
         self._bus = PtyLine()
         self._sensors = PtyLine()
+        self._plugged = True
         self._unread = bytearray()
         self._now = rig.now
 
@@ -47,7 +48,7 @@ class LockstepBench:
 
     @property
     def bus_path(self) -> str:
-        """Return the device that the servo bus is."""
+        """Return the device that the servo bus is; another one after the adapter has been unplugged."""
         return self._bus.path
 
     @property
@@ -71,11 +72,12 @@ class LockstepBench:
             sent: how many bytes the client has written to the bus since the last call
         """
         until = max(until, self._now)
-        asked = self._bus.read(sent)
+        asked = self._bus.read(sent) if self._plugged else b""
         if asked:
             self.rig.set_baud(self._bus.baud() or self.rig.rig.bus.baud)
             self.rig.transmit(asked, self._now)
         self.rig.advance(until)
+        self._plug()
         for _, reply in self.rig.replies_until(until):
             self._bus.write_through(reply)
         self._pass_lines(self.rig.sensor_until(until))
@@ -84,6 +86,15 @@ class LockstepBench:
     def next_event(self) -> float | None:
         """Return when the next bytes can be read from the bus, or None while no reply is on its way [s]."""
         return self.rig.next_event()
+
+    def _plug(self) -> None:
+        """Let the bus's port die or return, as the rig's faults say."""
+        if self._plugged and self.rig.unplugged:
+            self._plugged = False
+            self._bus.close()
+        elif not self._plugged and not self.rig.unplugged:
+            self._plugged = True
+            self._bus = PtyLine()
 
     def _pass_lines(self, lines: bytes) -> None:
         """Put sensor lines where the client reads them; of what it leaves unread, the oldest go first."""

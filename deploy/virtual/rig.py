@@ -19,6 +19,7 @@ from controller.rig_file import require_bus
 from deploy.virtual.active_faults import ActiveFaults
 from deploy.virtual.adapter import UsbAdapter
 from deploy.virtual.bus import VirtualBus
+from deploy.virtual.drive import Shaft
 from deploy.virtual.eeprom_file import load_eeprom, save_eeprom
 from deploy.virtual.fault_effects import FaultEffects
 from deploy.virtual.faults import Fault, check_faults
@@ -187,6 +188,11 @@ class VirtualRig:
     def truth(self) -> Truth:
         """Return the state of the body, for judges only: no controller may see it."""
         return self._plant.truth()
+
+    @property
+    def shafts(self) -> Sequence[Shaft]:
+        """Return what the servos turn, in the rig's order: for judges only."""
+        return self._plant.shafts
 
     def set_faults(self, faults: Sequence[Fault]) -> None:
         """Replace what goes wrong from now on.

@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Final
 
 from controller.errors import InputError
+from deploy.virtual.control_channel import ControlChannel
 from deploy.virtual.pty_line import QUEUE_MAX, PtyLine
 from deploy.virtual.rig import VirtualRig
 
@@ -35,10 +36,12 @@ class RigServer:
         rig: the virtual rig
         link: path of a symbolic link to the bus's terminal, or None
         sensor_link: path of a symbolic link to the sensor node's terminal, or None
-        tcp_port: port on the loopback address that is the bus too, 0: any free one, None: none
+        tcp_port: TCP port that is the bus too, 0: any free one, None: none
+        host: address of this machine on which the TCP port is open
+        control: path of a socket on which other programs change faults and see the state, or None
 
     Raises:
-        InputError: a link's path is taken, or the TCP port is
+        InputError: a link's path is taken, or the TCP port or the control socket is
         RunError: the machine gives no pseudo terminal
     """
 
@@ -49,6 +52,8 @@ class RigServer:
         link: Path | None = None,
         sensor_link: Path | None = None,
         tcp_port: int | None = None,
+        host: str = LOOPBACK,
+        control: Path | None = None,
     ) -> None:
         if link is not None and link == sensor_link:
             raise InputError(f"{link}: is to be the link of both bus and sensor node; give them two paths")
@@ -59,15 +64,17 @@ class RigServer:
         self._links: list[tuple[Path, str]] = []
         self._client: socket.socket | None = None
         self._asked: PtyLine | socket.socket | None = None
-        self._listener = _listen(tcp_port) if tcp_port is not None else None
+        self._listener = _listen(host, tcp_port) if tcp_port is not None else None
         self._wake_read, self._wake_write = os.pipe()
+        self._control: ControlChannel | None = None
+        self._link = link
+        self._plugged = True
         self._bus = PtyLine()
         self._sensors = PtyLine()
         try:
-            for path, line in ((link, self._bus), (sensor_link, self._sensors)):
-                if path is not None:
-                    _make_link(path, line.path)
-                    self._links.append((path, line.path))
+            self._make_link(link, self._bus)
+            self._make_link(sensor_link, self._sensors)
+            self._control = None if control is None else ControlChannel(control)
         except BaseException:
             self.close()
             raise
@@ -84,11 +91,10 @@ class RigServer:
 
     def close(self) -> None:
         """Close the lines and remove the links."""
-        for path, target in self._links:
-            if path.is_symlink() and str(path.readlink()) == target:
-                path.unlink()
-        self._links.clear()
+        self._remove_links(self._bus, self._sensors)
         self._drop_client()
+        if self._control:
+            self._control.close()
         if self._listener:
             self._listener.close()
         self._bus.close()
@@ -123,8 +129,10 @@ class RigServer:
         """
         self._clock = time.monotonic()
         while True:
-            sources: list[int | PtyLine | socket.socket] = [self._wake_read, self._bus]
+            sources: list[int | PtyLine | socket.socket] = [self._wake_read]
+            sources += [self._bus] if self._plugged else []
             sources += [source for source in (self._listener, self._client) if source]
+            sources += self._control.sockets() if self._control else []
             ready = select.select(sources, [], [], max(0.0, self._deadline() - self._now))[0]
             self._tick()
             if self._wake_read in ready:
@@ -137,9 +145,25 @@ class RigServer:
             if self._client in ready:
                 self._receive()
             self._rig.advance(self._now)
+            if self._control:
+                self._control.serve(self._rig)
+            self._plug()
             for _, reply in self._rig.replies_until(self._now):
                 self._send(reply)
             self._send_lines(self._rig.sensor_until(self._now))
+
+    def _plug(self) -> None:
+        """Let the bus's port die or return, as the rig's faults say."""
+        if self._plugged and self._rig.unplugged:
+            self._plugged = False
+            self._remove_links(self._bus)
+            self._bus.close()
+            self._drop_client()
+            self._asked = None
+        elif not self._plugged and not self._rig.unplugged:
+            self._plugged = True
+            self._bus = PtyLine()
+            self._make_link(self._link, self._bus)
 
     def _deadline(self) -> float:
         """Return when something is due next [s]."""
@@ -183,7 +207,7 @@ class RigServer:
     def _accept(self) -> None:
         assert self._listener is not None
         client, _ = self._listener.accept()
-        if self._client is not None:
+        if self._client is not None or not self._plugged:
             client.close()  # the bus has one master
             return
         client.setblocking(False)
@@ -203,6 +227,18 @@ class RigServer:
         else:
             self._drop_client()
 
+    def _make_link(self, path: Path | None, line: PtyLine) -> None:
+        if path is not None:
+            _link_to(path, line.path)
+            self._links.append((path, line.path))
+
+    def _remove_links(self, *lines: PtyLine) -> None:
+        """Remove the links to terminals, unless others have replaced them."""
+        for path, target in [link for link in self._links if link[1] in [line.path for line in lines]]:
+            if path.is_symlink() and str(path.readlink()) == target:
+                path.unlink()
+            self._links.remove((path, target))
+
     def _drop_client(self) -> None:
         if self._client is not None:
             self._client.close()
@@ -211,21 +247,28 @@ class RigServer:
             self._client = None
 
 
-def _listen(port: int) -> socket.socket:
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+def _listen(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind((LOOPBACK, port))
+        listener.bind((host, port))
         listener.listen(1)
+    except socket.gaierror:
+        listener.close()
+        raise InputError(f"host '{host}': is no address of this machine; leave --host out for 127.0.0.1") from None
     except (OSError, OverflowError) as error:
         listener.close()
         reason = getattr(error, "strerror", None) or "out of range"
-        raise InputError(f"TCP port {port} can not be used ({reason}); choose another one from 1024 to 65535") from None
+        remedy = "choose another one from 1024 to 65535"
+        if host != LOOPBACK:
+            remedy += ", and for --host an address of this machine"
+        raise InputError(f"TCP port {port} can not be used ({reason}); {remedy}") from None
     listener.setblocking(False)
     return listener
 
 
-def _make_link(path: Path, target: str) -> None:
+def _link_to(path: Path, target: str) -> None:
     """Link a path to a terminal; a link that another run left there is replaced, anything else is not touched."""
     try:
         if path.is_symlink():
