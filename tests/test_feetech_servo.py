@@ -87,6 +87,7 @@ def test_damaged_unknown_and_foreign_packets_are_not_answered():
     assert bench.ask(1, 0x7F) == []
     assert bench.ask(1, p1.REBOOT) == []
     assert bench.ask(9, p1.PING) == []
+    assert bench.ask(1, p1.READ, b"\x00\xff") == bench.ask(254, p1.SYNC_READ, b"\x00\xff\x01") == []  # fits no packet
     assert bench.ask(254, p1.READ, bytes([PRESENT, 2])) == []
     bench.line.baud = 500_000
     assert bench.ask(1, p1.PING) == []

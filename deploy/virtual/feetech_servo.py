@@ -173,7 +173,7 @@ class FeetechServo:
         """Return the data of the answer, None for an instruction that the servo does not know."""
         parameters = packet.parameters
         sts = self.sync_read
-        if packet.instruction == p1.READ and len(parameters) == 2:
+        if packet.instruction == p1.READ and len(parameters) == 2 and parameters[1] <= p1.DATA_MAX:
             return self._read(*parameters)
         if packet.instruction == p1.WRITE and len(parameters) > 1:
             self.write(parameters[0], parameters[1:], now_ns)

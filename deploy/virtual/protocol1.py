@@ -21,6 +21,8 @@ SYNC_WRITE: Final = 0x83
 
 BROADCAST: Final = 0xFE
 ID_MAX: Final = 0xFD
+DATA_MAX: Final = 253
+"""Bytes that an answer can hold: its length field counts two more."""
 
 _HEADER: Final = b"\xff\xff"
 _PREFIX_BYTES: Final = 4  # header, id, length
@@ -60,7 +62,7 @@ def encode(servo: int, instruction: int, parameters: bytes = b"") -> bytes:
     Args:
         servo: id
         instruction: instruction, or a status packet's error byte
-        parameters: what follows it, at most 253 bytes
+        parameters: what follows it, at most `DATA_MAX` bytes
 
     Returns:
         header, id, length, instruction, parameters, checksum

@@ -79,7 +79,7 @@ def _sync_read(parameters: bytes, present: Sequence[Protocol1Servo], now_ns: int
     The manual does not say what a servo does whose predecessor stays silent: here it speaks when the packet that it
     waits for would have ended, as feetech-cli 0.1.8 and the parser of ftservo-python-sdk 2.0 expect.
     """
-    if len(parameters) < 3 or parameters[1] == 0:
+    if len(parameters) < 3 or not 0 < parameters[1] <= p1.DATA_MAX:
         return
     address, length = parameters[0], parameters[1]
     missing_ns = 0
