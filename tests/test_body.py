@@ -147,7 +147,7 @@ def test_clearance_is_that_of_the_lowest_foot(rig, form):
 
 @pytest.mark.parametrize("timestep", [0.003, 0.0, -0.002, 0.04])
 def test_a_step_that_does_not_divide_the_period_is_refused(rig, timestep):
-    with pytest.raises(InputError, match=r"does not divide the period of 0\.02 s; use a step"):
+    with pytest.raises(InputError, match=r"does not divide the period of 0\.02 s of rig lamp-xc330; give a step"):
         build_model(rig, timestep_s=timestep)
 
 
