@@ -7,10 +7,13 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final, Literal
 
+from controller import registers_x
 from controller.register import REV_MIN, Encoding, Register
 
 _EM: Final = "[EM]"
-"""ROBOTIS e-Manual, docs/en/dxl/ax/ax-12a.md@07fe860 (GitHub, ROBOTIS-GIT/emanual)."""
+
+SOURCES: Final[Mapping[str, str]] = MappingProxyType({"[EM]": registers_x.SOURCES["[EM]"]})
+"""Tag => what it stands for."""
 
 _COUNT: Final = math.radians(300.0) / 1024.0
 """[rad] a count of position, which the manual rounds to 0.29 degrees."""

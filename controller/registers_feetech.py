@@ -11,12 +11,17 @@ from typing import Final, Literal
 from controller.register import TURN_4096, Encoding, Register
 
 _MT: Final = "[MT]"
-"""Feetech's memory table of the ST3215, as crate st3215's build.rs quotes it.
 
-Others: [SDK] ftservo-python-sdk 2.0.1, scservo_sdk/sms_sts.py and scscl.py; [LR] huggingface/lerobot@7427f31,
-motors/feetech/tables.py; [FC] feetech-cli 0.1.8, measured on an STS3215; [SC] SCS memory table, SCS0009 specification,
-SCS15 manual 1.02.
-"""
+SOURCES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "[MT]": "Feetech's memory table of the ST3215, as crate st3215's build.rs quotes it",
+        "[SDK]": "ftservo-python-sdk 2.0.1, scservo_sdk/sms_sts.py and scscl.py",
+        "[LR]": "huggingface/lerobot@0558acc, src/lerobot/motors/feetech/tables.py",
+        "[FC]": "feetech-cli 0.1.8, measured on an STS3215",
+        "[SC]": "Feetech's SCS memory table, SCS0009 specification and SCS15 manual 1.02",
+    }
+)
+"""Tag => what it stands for."""
 
 _COUNT: Final = math.radians(300.0) / 1024.0
 """[rad] a count of an SCS's position."""
@@ -102,6 +107,7 @@ _STS: Final[tuple[Register, ...]] = (
 )
 
 _SC: Final = "[SC]"
+_MOVING: Final = "[SC]; [SDK] has a current at 69, as the STS, [SC] and [LR] have none"
 _SC15: Final = "[SC] SCS15"
 _SCS: Final[tuple[Register, ...]] = (
     _line("E",  0, 1, "firmware_major_version", "r",     3, 0, 255, source="[SC] no value; taken as the STS3215's"),
@@ -129,7 +135,7 @@ _SCS: Final[tuple[Register, ...]] = (
     _line("E", 37, 1, "protective_torque",      "rw",   20, 0, 100, "duty", 1e-2, "[SC] 20 to 40"),
     _line("E", 38, 1, "protection_time",        "rw",   80, 0, 254, "s", 4e-2, "[SC] 80 to 100"),
     _line("E", 39, 1, "overload_torque",        "rw",   80, 0, 100, "duty", 1e-2, _SC),
-    _line("R", 40, 1, "torque_enable",          "rw",    0, 0, 2, source=_SC),
+    _line("R", 40, 1, "torque_enable",          "rw",    0, 0, 2, source="[SC]; [LR] has an acceleration at 41"),
     _line("R", 42, 2, "goal_position",          "rw",    0, 0, 1023, "rad", _COUNT, _SC),
     _line("R", 44, 2, "goal_time",              "rw",    0, -1023, 1023, "1", 1.0, "[SC] ms; wheel: PWM", "sign10"),
     _line("R", 46, 2, "goal_speed",             "rw",    0, 0, _M15, "rad/s", _COUNT, "[SC] 0: as fast as it can"),
@@ -141,7 +147,7 @@ _SCS: Final[tuple[Register, ...]] = (
     _line("R", 63, 1, "present_temperature",    "r",     0, 0, 255, "degC", source=_SC),
     _line("R", 64, 1, "async_flag",             "r",     0, 0, 1, source=_SC),
     _line("R", 65, 1, "status",                 "r",     0, 0, 255, source=_SC),
-    _line("R", 66, 1, "moving",                 "r",     0, 0, 255, source=_SC),
+    _line("R", 66, 1, "moving",                 "r",     0, 0, 255, source=_MOVING),
 )
 # fmt: on
 

@@ -11,8 +11,16 @@ from typing import Final, Literal
 from controller.register import TURN_4096, Encoding, Register
 
 _EM: Final = "[EM]"
-"""ROBOTIS e-Manual, docs/en/dxl/x (GitHub, ROBOTIS-GIT/emanual): xc330-m181.md@01ba971, xl330-m288.md@028a13d,
-xl430-w250.md@00a4b78, xm430-w350.md@07fe860 (which gives no ranges: those of the other three)."""
+
+SOURCES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "[EM]": "ROBOTIS e-Manual, docs/en/dxl (GitHub, ROBOTIS-GIT/emanual): x/xc330-m181.md@01ba971,"
+        " x/xl330-m288.md@028a13d, x/xl430-w250.md@00a4b78, x/xm430-w350.md@07fe860 (no ranges: those of the others),"
+        " ax/ax-12a.md@07fe860",
+        "SDK": "the `.model` files of dynamixel-sdk 4.1.0",
+    }
+)
+"""Tag => what it stands for."""
 
 _RPM: Final = 0.0239691227
 """[rad/s] a velocity count: `Product.velocity_unit_rad_s`."""
