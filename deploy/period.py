@@ -239,8 +239,8 @@ class Periods:
             unit, of, count = "rad", joint_angle, 2.0 * math.pi / joint.product.ticks_per_turn
             if joint.mode == "velocity":
                 unit, of, count = "rad/s", joint_speed, joint.product.velocity_unit_rad_s
-                if goal == 0 and not joint.unlimited:
-                    continue  # near the end of its travel a joint is stopped at once
+                if not joint.unlimited and 0 in (last, goal):
+                    continue  # near an end of its travel a joint is stopped at once, and let go at once
             step = abs(of(joint, goal) - of(joint, last))
             step_max = rate_rad_s * self.rig.period_s + count
             if rate_rad_s > 0.0 and step > 1.001 * step_max:

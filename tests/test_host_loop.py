@@ -8,92 +8,21 @@ from dataclasses import replace
 
 import pytest
 from rich.console import Console
+from rig_bench import RIG, SWAY, Bench, sway
 
-from controller import controller_text, load_rig, parse_controller, registers
+from controller import controller_text, parse_controller, registers
 from controller.errors import InputError, RunError
 from deploy.connection import connect_virtual
 from deploy.host_loop import RunOptions, run_controller
 from deploy.joint_counts import count_limits, joint_count
-from deploy.log import RunLog, read_log
+from deploy.log import RunLog
 from deploy.sensor_reader import checksum
 from deploy.states import WAYS, State, StateMachine
 from deploy.summary import summary
 from deploy.torque import hold
-from deploy.virtual.faults import parse_fault
-from deploy.virtual.rig import VirtualRig
 from servolve.announcer import Announcer
 
-RIG = load_rig("lamp-xc330")
 TABLE = registers(RIG.joints[0].product)
-
-SWAY = """
-program = "(list (* 10 (osc-wave 0.5 0)) (* 8 (osc-wave 0.5 0.25)) (- (* -6 (osc-wave 0.5 0.5)) (* 0.01 (+ px s0))))"
-[controller]
-name = "sway"
-period_s = 0.02
-slew_rad_s = 1.5
-[[input]]
-name = "px"
-unit = "m"
-low = -2
-high = 2
-[[input]]
-name = "s0"
-unit = "N"
-low = 0
-high = 20
-""" + "".join(
-    f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60\nhigh = 60\nneutral = 0\n'
-    for name in ("a0", "a1", "a2")
-)
-
-
-def sway(**changes):
-    return replace(parse_controller(SWAY, "sway"), **changes)
-
-
-class Bench:
-    """A virtual rig, a run on it, and what is left behind."""
-
-    def __init__(self, tmp_path, *faults, rig=RIG, **virtual):
-        self.rig = rig
-        self.virtual = VirtualRig(rig, faults=[parse_fault(fault) for fault in faults], **virtual)
-        self.path = tmp_path / "run.mcap"
-        self.limits = {joint.id: count_limits(joint) for joint in rig.joints}
-        self.announce = None
-
-    def run(self, seconds=2.0, stop=lambda bench: None, controller=None, **options):
-        controller = controller or sway()
-        options = RunOptions(
-            **{"goal_dist": 0.4, "goal_bearing": 0.0, "seconds": seconds, "arm": True, "derate": 1.0} | options
-        )
-        meta = {"format": 1, "rig": self.rig.name, "rig_text": self.rig.text, "controller": controller.name}
-        meta |= {
-            "controller_text": controller_text(controller),
-            "goal_dist": 0.4,
-            "goal_bearing": 0.0,
-            "period_s": 0.02,
-        }
-        with RunLog(self.path) as log, connect_virtual(self.virtual, lambda: stop(self)) as link:
-            log.write("/meta", 0.0, meta)
-            self.link = link
-            outcome = run_controller(link, self.rig, controller, options, log, self.announce)
-        self.log = read_log(self.path)
-        assert self.log.complete
-        return outcome
-
-    def torque(self):
-        return [servo.table["torque_enable"] for servo in self.virtual.servos]
-
-    def states(self):
-        return ["off", *(event["entered"] for event in self.log.events if event["kind"] == "state")]
-
-    def frames(self, instruction):
-        return [
-            bytes.fromhex(frame["hex"])
-            for frame in self.log.messages["/bus"]
-            if frame["direction"] == "tx" and int(frame["hex"][14:16], 16) == instruction
-        ]
 
 
 @pytest.fixture
