@@ -37,6 +37,7 @@ class SvRolloutSetup(ctypes.Structure):
         ("neutral", c_double * JOINT_MAX),
         ("rest", c_double * JOINT_MAX),
         ("torque_max", c_double * JOINT_MAX),
+        ("load_speed", c_double * JOINT_MAX),
         ("head", c_int32 * HEAD_MAX),
         *((name, c_int32 * JOINT_MAX) for name in ("qpos", "dof", "actuator", "unlimited")),
         ("sensor", c_int32 * SENSOR_MAX),

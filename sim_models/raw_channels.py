@@ -46,7 +46,7 @@ def raw_encoders(rig: Rig) -> Array[SvTerminal]:
 def full_load_torque(joint: Joint, motor_limit_nm: float) -> float:
     """Return the torque that reads as a load of 1: a servo's at its current limit, an ideal motor's own limit.
 
-    A servo whose load is its duty has its stall torque, which full duty makes at rest.
+    A servo whose load is its duty has the torque that full duty makes at rest; see `load_per_speed`.
 
     Args:
         joint: the joint
@@ -62,6 +62,22 @@ def full_load_torque(joint: Joint, motor_limit_nm: float) -> float:
         return motor_limit_nm
     limit = table["current_limit"]
     return joint.product.stall_torque_nm * limit.high * limit.scale / joint.product.stall_current_a
+
+
+def load_per_speed(joint: Joint, supply_v: float) -> float:
+    """Return what a joint's speed adds to its load, 0 but for a servo that reports its PWM duty as a load.
+
+    Args:
+        joint: the joint
+        supply_v: supply of the servos [V]
+
+    Returns:
+        The load per speed [s/rad].
+    """
+    product = joint.product
+    if joint.ideal or registers(product)[joint.family.load].unit == "A":
+        return 0.0
+    return product.voltage_v / (supply_v * product.no_load_speed_rad_s)
 
 
 def samples_at_instants(rig: Rig, timestep_s: float, nstep: int) -> npt.NDArray[np.int32]:

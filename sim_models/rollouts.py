@@ -23,7 +23,13 @@ from controller.rig import Rig
 from sim_models import native_rollouts as native
 from sim_models.body import Form, Layout, Scene, body_layout, build_model, settled_data, substeps
 from sim_models.perturbations import Perturbations
-from sim_models.raw_channels import full_load_torque, raw_encoders, sampled_substeps, samples_at_instants
+from sim_models.raw_channels import (
+    full_load_torque,
+    load_per_speed,
+    raw_encoders,
+    sampled_substeps,
+    samples_at_instants,
+)
 from sim_models.servo import joint_parameters
 from sim_models.simulated_models import SimulatedModels
 from sim_models.statistics import STATISTICS, STATUS_ERROR
@@ -335,6 +341,7 @@ class RolloutPool:
             setup.unlimited[index] = int(joint.unlimited)
             limit_nm = float(self._model.actuator_forcerange[layout.actuator[index], 1])
             setup.torque_max[index] = full_load_torque(joint, limit_nm)
+            setup.load_speed[index] = load_per_speed(joint, rig.supply_v)
             setup.qpos[index] = layout.qpos[index]
             setup.dof[index] = layout.dof[index]
             setup.actuator[index] = layout.actuator[index]

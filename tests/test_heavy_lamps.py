@@ -8,10 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from controller.controller_file import parse_controller
 from controller.rig_file import load_rig
 from controller.schedule import Transaction, TransactionKind, period, schedule_of
 from controller.terminals import terminals_of
 from sim_models.body import base_force, base_pose, body_layout, build_model, settled_data
+from sim_models.perturbations import nominal_perturbations
+from sim_models.rollouts import RolloutPool, make_cases
 
 LAMPS = ["lamp-xl430", "lamp-sts3215", "lamp-ax12"]
 WITHOUT_SERVOS_KG = 0.278
@@ -88,3 +91,35 @@ def test_terminals_count_as_the_manuals_say(name, angle, rate, load):
     assert specs["a0"].scale == pytest.approx(angle)
     assert specs["a2_vel"].scale == pytest.approx(-rate, rel=2e-3)
     assert specs["a1_load"].scale == pytest.approx(load)
+
+
+SHAKE = """
+format = 1
+program = "(list (* 20 (sin (* 9 t))) (+ a0_load (* 30 (sin (* 7 t)))) (+ (+ a1_load a2_load) (* 25 (sin (* 11 t)))))"
+
+[controller]
+name = "shake"
+period_s = 0.02
+"""
+INPUT = '[[input]]\nname = "{0}"\nunit = "{1}"\nlow = -1.0\nhigh = 9.0\n'
+OUTPUT = '[[output]]\nname = "{0}"\nkind = "position"\nunit = "deg"\nlow = -50.0\nhigh = 50.0\nneutral = 0.0\n'
+
+
+@pytest.mark.parametrize("name", LAMPS)
+def test_the_load_is_the_duty_that_makes_torque_and_speed(name):
+    rig = load_rig(name)
+    inputs = [("t", "s"), ("a0_load", "1"), ("a1_load", "1"), ("a2_load", "1")]
+    text = SHAKE + "".join(INPUT.format(*each) for each in inputs) + "".join(OUTPUT.format(f"a{i}") for i in range(3))
+    with RolloutPool(rig, time_limit_s=1.0, threads=1) as pool:
+        cases = make_cases(0, 0.3)
+        run = pool.run([parse_controller(text, "shake")], cases, nominal_perturbations(1, 3), traces=True, record=True)
+    alive = int(run.statistics["alive_steps"][0])
+    assert alive > 15
+    for index, joint in enumerate(rig.joints):
+        product = joint.product
+        torque = run.trace(0, f"a{index}_load") * product.stall_torque_nm * rig.supply_v / product.voltage_v
+        stalled = torque / product.stall_torque_nm + run.trace(0, f"a{index}_vel") / product.no_load_speed_rad_s
+        duty = np.clip(stalled * product.voltage_v / rig.supply_v, -1.0, 1.0)
+        full = 1023 if name == "lamp-ax12" else 1000
+        assert np.abs(run.raw[0, :, 6 + index] * joint.sign - full * duty)[:alive].max() <= 0.51
+        assert np.abs(duty[:alive]).max() > 0.1

@@ -95,6 +95,16 @@ static double sensor_value(const sv_rollout_setup* setup, const sv_rollout_case*
   return noise > 0 ? value + (double)noise * sv_noise(own->seed, at, channel) : value;
 }
 
+// what a servo reports as its load: torque, or the duty that makes this torque at this speed
+static double load_value(const sv_rollout_setup* setup, const mjData* d, int32_t j) {
+  double load = d->actuator_force[setup->actuator[j]] / setup->torque_max[j];
+  if (setup->load_speed[j] == 0) {
+    return load;
+  }
+  load += setup->load_speed[j] * d->qvel[setup->dof[j]];
+  return load > 1 ? 1 : load < -1 ? -1 : load;
+}
+
 // the true value that a raw channel counts, SI
 static double raw_value(const sv_rollout_setup* setup, const sv_rollout_case* own, const mjData* d,
                         const sv_memory* memory, int32_t k, int32_t channel) {
@@ -105,7 +115,7 @@ static double raw_value(const sv_rollout_setup* setup, const sv_rollout_case* ow
     case 1:
       return d->qvel[setup->dof[j]];
     case 2:
-      return d->actuator_force[setup->actuator[j]] / setup->torque_max[j];
+      return load_value(setup, d, j);
     default:
       return sensor_value(setup, own, memory, k, channel - 3 * n);
   }

@@ -73,6 +73,7 @@ typedef struct {                    // what all simulations share
   double neutral[SV_JOINT_MAX];     // [rad]
   double rest[SV_JOINT_MAX];        // goal that holds a joint at its neutral angle: the angle, or no rate [rad, rad/s]
   double torque_max[SV_JOINT_MAX];  // servo torque that reads as a load of 1 [N m]
+  double load_speed[SV_JOINT_MAX];  // load per rate of a servo whose load is its duty, else 0 [s/rad]
   int32_t head[SV_HEAD_MAX];        // geoms
   int32_t qpos[SV_JOINT_MAX];       // addresses in qpos
   int32_t dof[SV_JOINT_MAX];        // addresses in qvel
