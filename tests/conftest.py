@@ -14,12 +14,12 @@ from controller.source import Apply, Constant, Last, Name, Source
 settings.register_profile("servolve", derandomize=True, deadline=None)
 settings.load_profile("servolve")
 
-STEPS_SHORT, STEPS_LONG = 1_000, 10_000
+STEPS_SHORT, STEPS_LONG = 600, 10_000
 
 
 def pytest_addoption(parser):
     group = parser.getgroup("servolve")
-    group.addoption("--long", action="store_true", help="random masters: ten times the steps")
+    group.addoption("--long", action="store_true", help="random masters take 10,000 steps a family")
     group.addoption("--fuzz-seconds", type=float, default=0.0, help="mutate bytes for so long; left out: a short form")
 
 
