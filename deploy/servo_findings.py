@@ -118,7 +118,10 @@ def _bounds(rig: Rig, joint: Joint, values: Values) -> Iterator[Finding]:
     highest = family.voltage_limits[1]
     volts = values[highest] * table[highest].scale
     if volts < rig.supply_v:
-        want = min(round(_OVERVOLTAGE * rig.supply_v / table[highest].scale), table[highest].high)
+        line = table[highest]
+        want = line.initial
+        if line.initial * line.scale < rig.supply_v:
+            want = min(round(_OVERVOLTAGE * rig.supply_v / line.scale), line.high)
         yield _wrong(joint, values, highest, want, f"{highest} is {volts:g} V, the rig's supply {rig.supply_v:g} V")
 
 
