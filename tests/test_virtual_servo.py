@@ -2,7 +2,9 @@
 
 import json
 
+import dynamixel_master
 import pytest
+from dynamixel_master import block
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,50 +13,17 @@ from controller.registers import registers
 from controller.rig_file import load_rig
 from deploy.virtual import dynamixel2 as dxl
 from deploy.virtual.faults import parse_fault
-from deploy.virtual.rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
 LINES = registers(RIG.joints[0].product)
 BYTE_S = 10 / RIG.bus.baud
 
 
-class Master:
-    """Ask a virtual rig, each question after the answers to the last."""
+class Master(dynamixel_master.Master):
+    """Ask a virtual XC330 rig."""
 
     def __init__(self, rig=RIG, **settings):
-        self.rig = VirtualRig(rig, **settings)
-        self.t = 0.0
-
-    def frames(self, frame):
-        """Send a frame; return the answers with their times."""
-        self.asked = self.rig.transmit(frame, max(self.t, self.rig.now))
-        self.t = self.asked
-        answers = []
-        while (event := self.rig.next_event()) is not None:
-            answers += self.rig.replies_until(event)
-            self.t = event
-        return answers
-
-    def ask(self, servo, instruction, parameters=b""):
-        """Send an instruction; return the status packets as (id, error, data)."""
-        answers = self.frames(dxl.encode(servo, instruction, parameters))
-        packets = dxl.PacketParser().feed(b"".join(frame for _, frame in answers))
-        assert all(packet.instruction == dxl.STATUS for packet in packets)
-        return [(packet.id, packet.parameters[0], packet.parameters[1:]) for packet in packets]
-
-    def write(self, servo, name, value):
-        """Write a register; return the error, or None for silence."""
-        line = LINES[name]
-        data = (value % (1 << 8 * line.size)).to_bytes(line.size, "little")
-        answers = self.ask(servo, dxl.WRITE, block(line.address) + data)
-        return answers[0][1] if answers else None
-
-    def read(self, servo, name):
-        """Read a register; return its count."""
-        line = LINES[name]
-        [(_, error, data)] = self.ask(servo, dxl.READ, block(line.address, line.size))
-        assert error & ~dxl.ALERT == 0, name
-        return int.from_bytes(data, "little", signed=line.signed)
+        super().__init__(rig, **settings)
 
     def sync_read(self, name, servos):
         line = LINES[name]
@@ -65,14 +34,6 @@ class Master:
         line = LINES[name]
         data = b"".join(bytes([servo]) + value.to_bytes(line.size, "little") for servo, value in values.items())
         return self.ask(dxl.BROADCAST, dxl.SYNC_WRITE, block(line.address, line.size) + data)
-
-    def wait(self, seconds):
-        self.t = max(self.t, self.rig.now) + seconds
-        self.rig.advance(self.t)
-
-
-def block(*values):
-    return b"".join(value.to_bytes(2, "little") for value in values)
 
 
 @pytest.fixture
@@ -114,7 +75,7 @@ RULES = {
     "a mode that there is not": ("operating_mode", 2, dxl.DATA_RANGE_ERROR),
     "a protocol that there is not": ("protocol_type", 3, dxl.DATA_RANGE_ERROR),
     "the reverse drive mode": ("drive_mode", 1, 0),
-    "a drive mode's unused bit": ("drive_mode", 2, dxl.DATA_RANGE_ERROR),
+    "a drive mode out of range": ("drive_mode", 14, dxl.DATA_RANGE_ERROR),
     "an integral gain": ("position_i_gain", 10, 0),
     "another PWM slope": ("pwm_slope", 100, 0),
     "a secondary id": ("secondary_id", 100, 0),

@@ -22,7 +22,6 @@ _GOAL_LIMITS: Final[Mapping[str, str]] = {
 """Goal => the register that bounds it either way."""
 
 _POSITION_MODE: Final = 3
-_DRIVE_MODE_BITS: Final = 0x0D
 _PROTOCOLS: Final = frozenset({1, 2, 20, 21, 22})
 
 _INDIRECT_DATA: Final = "indirect_data_"
@@ -39,6 +38,11 @@ class ControlTable:
         self.lines = lines
         self.end = max(line.address + line.size for line in lines.values())
         self.memory = bytearray(self.end)
+        self._counts = dict.fromkeys(lines, 0)
+        self._places = {
+            name: (line.address, line.address + line.size, 1 << 8 * line.size, line.signed)
+            for name, line in lines.items()
+        }
         self._owner: list[Register | None] = [None] * self.end
         for line in lines.values():
             for address in range(line.address, line.address + line.size):
@@ -56,14 +60,16 @@ class ControlTable:
 
     def __getitem__(self, name: str) -> int:
         """Return a register's count."""
-        line = self.lines[name]
-        return int.from_bytes(self.memory[line.address : line.address + line.size], "little", signed=line.signed)
+        return self._counts[name]
 
     def __setitem__(self, name: str, value: int) -> None:
         """Set a register's count, as the servo itself does: no rules."""
-        line = self.lines[name]
-        count = value & ((1 << (8 * line.size)) - 1)
-        self.memory[line.address : line.address + line.size] = count.to_bytes(line.size, "little")
+        if self._counts[name] == value:
+            return
+        address, end, modulus, signed = self._places[name]
+        data = (value % modulus).to_bytes(end - address, "little")
+        self.memory[address:end] = data
+        self._counts[name] = int.from_bytes(data, "little", signed=signed)
 
     def restore(self, eeprom: bool) -> None:
         """Set the registers to their initial counts.
@@ -138,8 +144,6 @@ class ControlTable:
         """
         if line.name == "operating_mode":
             return value in self._modes
-        if line.name == "drive_mode":
-            return value & ~_DRIVE_MODE_BITS == 0
         if line.name == "protocol_type":
             return line.low <= value <= line.high and value in _PROTOCOLS
         return line.low <= value <= line.high

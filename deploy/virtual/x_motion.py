@@ -66,6 +66,8 @@ class XMotion:
         self._t_s = 0.0
         self._done = True
         self._fed = False
+        self._measures_current = "present_current" in table.lines
+        self._measures_load = "present_load" in table.lines
         self.start()
 
     def start(self) -> None:
@@ -132,27 +134,31 @@ class XMotion:
 
     def measure(self) -> None:
         """Bring the registers that tell of the motion up to date."""
-        table, shaft, product = self._table, self._shaft, self._product
-        way, sample = self._way(), self._now()
-        position, velocity = self.position(), self.velocity()
+        table, shaft, product, mode = self._table, self._shaft, self._product, self.mode
+        way, offset = self._way(), self._offset()
+        sample = self._plan.at(self._t_s)
+        position = round(self._raw()) - self._turned + offset
+        velocity = self.velocity()
+        duty = way * shaft.duty()
         table["present_position"] = position
         table["present_velocity"] = velocity
-        table["present_pwm"] = round(way * shaft.duty() * product.duty_full)
-        if "present_current" in table.lines:
+        table["present_pwm"] = round(duty * product.duty_full)
+        if self._measures_current:
             table["present_current"] = round(way * shaft.current() / table.lines["present_current"].scale)
-        if "present_load" in table.lines:
-            table["present_load"] = round(way * 1000.0 * shaft.duty())
-        table["moving"] = int(self.moving or abs(velocity) > table["moving_threshold"])
-        counts = 1.0 if self.mode == VELOCITY else self._tick_rad / product.velocity_unit_rad_s
+        if self._measures_load:
+            table["present_load"] = round(1000.0 * duty)
+        moving = not self._done
+        table["moving"] = int(moving or abs(velocity) > table["moving_threshold"])
+        counts = 1.0 if mode == VELOCITY else self._tick_rad / product.velocity_unit_rad_s
         table["velocity_trajectory"] = round(sample.velocity * counts)
-        positional = self.mode in POSITION_MODES
-        reckoned = round(sample.position) - self._turned + self._offset()
-        table["position_trajectory"] = reckoned if positional else position
-        status = int(self.moving) << 1 | self._plan.kind << 4
-        if positional:
-            status |= int(abs(position - table["goal_position"]) <= IN_POSITION_TICKS and not self.moving)
-            on = table["torque_enable"] != 0
-            status |= int(on and abs(position - reckoned) > FOLLOWING_ERROR_TICKS) << 3
+        status = moving << 1 | self._plan.kind << 4
+        reckoned = position
+        if mode in POSITION_MODES:
+            reckoned = round(sample.position) - self._turned + offset
+            near = abs(position - table["goal_position"]) <= IN_POSITION_TICKS
+            lost = table["torque_enable"] and abs(position - reckoned) > FOLLOWING_ERROR_TICKS
+            status |= int(near and not moving) | bool(lost) << 3
+        table["position_trajectory"] = reckoned
         table["moving_status"] = status
 
     # inside
