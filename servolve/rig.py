@@ -12,11 +12,15 @@ from cyclopts import App, Parameter
 
 from controller.rig import Rig
 from controller.rig_file import load_rig, rig_names
+from servolve.rig_calibrate import calibrate
+from servolve.rig_check import check
 from servolve.rig_monitor import monitor
 from servolve.rig_scan import scan_port
 
 app = App(name="rig", help="List rigs, look after real ones, and serve virtual ones to other programs.")
 app.command(scan_port, name="scan")
+app.command(check)
+app.command(calibrate)
 app.command(monitor)
 
 
