@@ -17,7 +17,7 @@ from sim_models.perturbations import nominal_perturbations
 from sim_models.rollouts import RolloutPool, make_cases
 
 LAMPS = ["lamp-xl430", "lamp-sts3215", "lamp-ax12"]
-WITHOUT_SERVOS_KG = 0.278
+WITHOUT_SERVOS_KG = 0.298
 
 
 @pytest.fixture(scope="module", params=LAMPS)
