@@ -247,3 +247,15 @@ def test_modes_change_while_it_turns(bench):
     bench.aim(Drive(on=True, mode="position", law=Law(kp=8.0, ki=8.0, kd=0.2)), here + 0.3)
     bench.run(3.0)
     assert bench.angle() == pytest.approx(here + 0.3, abs=0.01)
+
+
+@pytest.mark.parametrize("product", sorted(PRODUCTS))
+def test_stiction_holds_what_friction_in_motion_would_not(product, tmp_path):
+    turned = []
+    for scale in (1.0, 4.0):
+        bench = Bench(product, tmp_path, Twin(stiction_scale=scale))
+        bench.aim(Drive(on=True, mode="voltage", law=Law()), 2.0 * bench.friction / bench.stall)
+        angle, _ = bench.run(0.5)
+        turned.append(angle[-1])
+    assert turned[0] > 0.02
+    assert abs(turned[1]) < 0.05 * turned[0]

@@ -93,8 +93,7 @@ class VirtualSensors:
                 message.seq += 1
                 sent = self._lose(message.letter, line)
                 if sent:
-                    self._lines.append((arrives_ns, sent))
-        self._lines = deque(sorted(self._lines, key=lambda line: line[0]))
+                    self._queue(arrives_ns, sent)
 
     def send_stop(self, now_ns: int) -> None:
         """Send the emergency stop line, as the node does when its button is pressed.
@@ -102,7 +101,7 @@ class VirtualSensors:
         Args:
             now_ns: time [ns]
         """
-        self._lines.appendleft((now_ns, _checked(b"E")))
+        self._queue(now_ns, _checked(b"E"))
 
     def take(self, until_ns: int) -> bytes:
         """Return the lines that have arrived by a time.
@@ -114,6 +113,14 @@ class VirtualSensors:
         while self._lines and self._lines[0][0] <= until_ns:
             taken += self._lines.popleft()[1]
         return bytes(taken)
+
+    def _queue(self, at_ns: int, line: bytes) -> None:
+        """Let a line arrive, after those that arrive no later."""
+        late: list[tuple[int, bytes]] = []
+        while self._lines and self._lines[-1][0] > at_ns:
+            late.append(self._lines.pop())
+        self._lines.append((at_ns, line))
+        self._lines.extend(reversed(late))
 
     def _line(self, message: _Message, measure: Callable[[str], float]) -> bytes:
         counts = [0 if sensor is None else self._counts(sensor, measure(sensor.name)) for sensor in message.fields]
