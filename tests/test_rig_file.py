@@ -129,6 +129,105 @@ def test_a_mistake_is_one_sentence(broken, old, new, expected):
     assert expected in broken(old, new, LAMP.text.count(old) if old.startswith("[[") else 1)
 
 
+FAMILY_MISTAKES = [
+    (
+        "ax12",
+        "punch = 32",
+        "p_gain = 32",
+        "p_gain is no setting of servos of dynamixel-ax; write compliance_margin, comp",
+    ),
+    ("ax12", "punch = 32", "punch = 1024", "punch 1024 is out of range; write a whole number from 0 to 1023"),
+    ("ax12", "sign = 1", 'sign = 1\nmode = "velocity"', "mode 'velocity' is not for servos of dynamixel-ax; remove it"),
+    (
+        "ax12",
+        "zero_tick = 512",
+        "zero_tick = 1024",
+        "zero_tick 1024 is out of range; write a whole number from 0 to 1023",
+    ),
+    ("ax12", "zero_tick = 512", "zero_tick = 200", "low_rad -1.06 is encoder tick -7, across the wrap at 0 and 1024"),
+    (
+        "ax12",
+        "baud = 1000000",
+        "baud = 4500000",
+        "baud 4500000 is not offered by dynamixel-1.0 servos; choose one of 9600",
+    ),
+    (
+        "ax12",
+        "watchdog_s = 0.0",
+        "watchdog_s = 0.1",
+        "watchdog_s 0.1 asks for what ax-12a servos do not have; write 0.0",
+    ),
+    ("ax12", "baud = 1000000", "baud = 19200", "period_s 0.02 is too short for its traffic of 40.1 ms at 19200 bit/s"),
+    ("sts3215", '"sts3215"', '"scs0009"', "product 'scs0009' does not speak feetech-sts; choose another product"),
+    ("sts3215", "torque_limit = 1000", "torque_limit = 1001", "torque_limit 1001 is out of range"),
+    ("sts3215", "torque_limit = 1000", "pwm_limit = 885", "pwm_limit is no setting of servos of feetech-sts"),
+    ("sts3215", "p_gain = 50", "p_gain = 255", "p_gain 255 is out of range; write a whole number from 1 to 254"),
+    ("sts3215", "supply_v = 12.0", "supply_v = 14.5", "supply_v 14.5 is outside 4 to 14 V of sts3215"),
+    (
+        "sts3215",
+        "temperature_c_max = 65.0",
+        "temperature_c_max = 71",
+        "is above the servos' own shutdown; write at most 70",
+    ),
+    (
+        "sts3215",
+        "baud = 1000000",
+        "baud = 57600",
+        "period_s 0.02 is too short for its traffic of 23.2 ms at 57600 bit/s",
+    ),
+    ("xl430", '"xl430-w250"', '"xc330-m181"', "supply_v 11.1 is outside 3.5 to 7 V of xc330-m181"),
+    (
+        "xl430",
+        "pwm_limit = 885",
+        "punch = 885",
+        "punch is no setting of servos of dynamixel-x430; write p_gain, i_gain",
+    ),
+]
+
+
+@pytest.mark.parametrize(("lamp", "old", "new", "expected"), FAMILY_MISTAKES, ids=[row[3] for row in FAMILY_MISTAKES])
+def test_a_mistake_about_a_family_is_one_sentence(tmp_path, lamp, old, new, expected):
+    rig = load_rig(f"lamp-{lamp}")
+    (tmp_path / rig.body.name).write_text("<mujoco/>")
+    assert old in rig.text
+    assert expected in error_of(tmp_path, rig.text.replace(old, new, 1))
+
+
+def test_x_servos_mix_and_others_do_not():
+    low = LAMP.text.replace("supply_v = 5.0", "supply_v = 6.0")
+    mixed = low.replace('"xc330-m181"', '"xl430-w250"', 1)
+    assert [joint.product.name for joint in parse_rig(mixed, LAMP.path).joints][:2] == ["xl430-w250", "xc330-m181"]
+    fast = mixed.replace("baud = 1000000", "baud = 4500000")
+    with pytest.raises(InputError, match="baud 4500000 is not offered by xc330-m181; choose one of 9600"):
+        parse_rig(fast, LAMP.path)
+    with pytest.raises(InputError, match=r"product 'ax-12a' does not speak dynamixel-2\.0"):
+        parse_rig(low.replace('"xc330-m181"', '"ax-12a"', 1), LAMP.path)
+
+
+def test_the_joints_of_a_bus_are_in_one_mode():
+    speed = 'mode = "velocity"\nspeed_rad_s_max = 9.0\nvelocity_p_gain = 900\nvelocity_i_gain = 0\n'
+    gains = "p_gain = 1450\ni_gain = 0\nd_gain = 0\n"
+    all_of_them = parse_rig(LAMP.text.replace(gains, speed), LAMP.path)
+    assert [dict(joint.gains) for joint in all_of_them.joints] == [{"velocity_p_gain": 900, "velocity_i_gain": 0}] * 3
+    with pytest.raises(InputError, match=r"joint 2 \(a1\): mode 'position' is not joint a0's; give all joints"):
+        parse_rig(LAMP.text.replace(gains, speed, 1), LAMP.path)
+
+
+def test_an_sts_may_be_driven_by_velocity_and_an_ax_writes_both_sides():
+    sts = load_rig("lamp-sts3215")
+    speed = 'mode = "velocity"\nspeed_rad_s_max = 4.0\nvelocity_p_gain = 10\nvelocity_i_gain = 0\n'
+    joint = parse_rig(sts.text.replace("p_gain = 50\ni_gain = 0\nd_gain = 0\n", speed), sts.path).joints[0]
+    assert (dict(joint.gains), joint.ceiling) == ({"velocity_p": 10, "velocity_i": 0}, 1000)
+    assert dict(load_rig("lamp-ax12").joints[1].gains) == {
+        **{
+            f"{side}_compliance_{what}": count
+            for side in ("cw", "ccw")
+            for what, count in (("margin", 0), ("slope", 16))
+        },
+        "punch": 32,
+    }
+
+
 def test_a_mistake_names_its_line(broken):
     line = 1 + LAMP.text[: LAMP.text.index("sign = -1")].count("\n")
     assert broken("sign = -1", "sign = 7").startswith(f", line {line}: joint 3 (a2): ")
