@@ -169,12 +169,7 @@ FAMILY_MISTAKES = [
         "temperature_c_max = 71",
         "is above the servos' own shutdown; write at most 70",
     ),
-    (
-        "sts3215",
-        "baud = 1000000",
-        "baud = 57600",
-        "period_s 0.02 is too short for its traffic of 23.2 ms at 57600 bit/s",
-    ),
+    ("sts3215", "period_s = 0.02", "period_s = 0.0006", "period_s 0.0006 is too short for its traffic of 0.6 ms"),
     ("xl430", '"xl430-w250"', '"xc330-m181"', "supply_v 11.1 is outside 3.5 to 7 V of xc330-m181"),
     (
         "xl430",
