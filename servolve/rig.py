@@ -10,6 +10,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from controller.errors import InputError
 from controller.rig import Rig
 from controller.rig_file import load_rig, rig_names
 from servolve.rig_calibrate import calibrate
@@ -52,6 +53,8 @@ def serve(
     link: Path | None = None,
     sensor_link: Path | None = None,
     tcp: int | None = None,
+    host: str | None = None,
+    control: Path | None = None,
     twin: str | None = None,
     fault: Annotated[tuple[str, ...], Parameter(negative=(), show_default=False)] = (),
     seed: int = 0,
@@ -65,9 +68,11 @@ def serve(
         rig: name that `servolve rig list` prints, or path of a rig file
         link: symbolic link to make to the bus's device
         sensor_link: symbolic link to make to the sensor node's device
-        tcp: port of the loopback address on which the bus is served too, 0 for any
-        twin: twin file, or weak-torque: how the rig's physics differ from the simulation's
-        fault: what goes wrong, as drop=0.01, corrupt=0.01 or dead=2@3.0; may be repeated
+        tcp: port on which the bus is served too, 0 for any
+        host: address of this machine on which that port is open; left out: 127.0.0.1, for this machine alone
+        control: path of a local socket on which other programs change faults and see the state
+        twin: how the rig's physics differ from the simulation's: a twin file, or one of those in docs/twins.md
+        fault: what goes wrong, as drop=0.01, corrupt=0.01 or dead=2@3.0, or a file of faults; may be repeated
         seed: seed of faults and noise
         eeprom: file in which the servos keep their EEPROM between runs
         wire_time: bytes take their time on the bus; without, as fast as the machine goes
@@ -76,21 +81,25 @@ def serve(
     Returns:
         exit status
     """
-    from deploy.virtual.faults import parse_fault
+    from deploy.virtual.faults import read_faults
     from deploy.virtual.rig import VirtualRig
-    from deploy.virtual.server import RigServer
+    from deploy.virtual.server import LOOPBACK, RigServer
     from deploy.virtual.twin import load_twin
+
+    if host is not None and tcp is None:
+        raise InputError("--host: says where a TCP port is open; give --tcp too")
 
     virtual = VirtualRig(
         load_rig(rig),
         seed=seed,
         twin=load_twin(twin) if twin else None,
-        faults=[parse_fault(spec) for spec in fault],
+        faults=read_faults(fault),
         eeprom_path=eeprom,
         wire_time=wire_time,
         echo=echo,
     )
-    with RigServer(virtual, link=link, sensor_link=sensor_link, tcp_port=tcp) as server:
+    lines = RigServer(virtual, link=link, sensor_link=sensor_link, tcp_port=tcp, host=host or LOOPBACK, control=control)
+    with lines as server:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: server.stop())
         about = virtual.rig
@@ -98,7 +107,9 @@ def serve(
         print(f"bus      {server.bus_path}{f' as {link}' if link else ''}")
         print(f"sensors  {server.sensor_path}{f' as {sensor_link}' if sensor_link else ''}")
         if server.tcp_port is not None:
-            print(f"bus too  socket://127.0.0.1:{server.tcp_port}")
+            print(f"bus too  socket://{host or LOOPBACK}:{server.tcp_port}")
+        if control is not None:
+            print(f"control  {control}")
         sys.stdout.flush()
         server.run()
         if server.slipped_s > 0.0:
