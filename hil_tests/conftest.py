@@ -7,52 +7,31 @@ from __future__ import annotations
 
 import math
 import signal
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
+from interrupts import SIGNALS, Interrupts
+from lab_report import LabReport, Measurement
 
 from controller import Rig, load_rig, registers
 from controller.errors import InputError
-from controller.registers import Register
+from controller.register import Register, encode_register
+from controller.rig import Joint
 from deploy.checks import check_servos
 from deploy.clock import Clock
 from deploy.connection import connect_ports, connect_virtual
-from deploy.dynamixel_bus import DynamixelBus, encode
 from deploy.joint_counts import joint_angle, joint_count
+from deploy.servo_bus import ServoBus
 from deploy.torque import release, seed_goals, torque_on, write_settings
 
 DEFAULT_RIG = "lamp-xc330"
 REST_S = 0.5
-REPORT = pytest.StashKey[list[str]]()
-INTERRUPTS = pytest.StashKey["Interrupts"]()
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-class Interrupts:
-    """Let the first signal end the session as Ctrl-C does, fixtures and all; no other one disturbs the way out."""
-
-    def __init__(self):
-        self.number = None
-        self.deferred = 0
-
-    def note(self, number, _):
-        if self.number is None:
-            self.number = number
-            if not self.deferred:
-                raise KeyboardInterrupt(f"{signal.Signals(number).name} was received")
-
-    @contextmanager
-    def deferring(self):
-        """Finish what must not be cut in two, as switching torque off; then heed a signal that came meanwhile."""
-        before = self.number
-        self.deferred += 1
-        try:
-            yield
-        finally:
-            self.deferred -= 1
-        if self.number != before and not self.deferred:
-            raise KeyboardInterrupt(f"{signal.Signals(self.number).name} was received")
+REPORT = pytest.StashKey[LabReport]()
+INTERRUPTS = pytest.StashKey[Interrupts]()
+ORDER = ("identity", "registers", "bus", "motion", "watchdog", "disconnects", "torque")
+"""What is tested first keeps what comes later from harm."""
 
 
 def pytest_addoption(parser):
@@ -67,22 +46,49 @@ def pytest_addoption(parser):
     group.addoption("--port", help="servo bus of a real rig, as /dev/ttyUSB0; left out: a virtual rig in lock step")
     group.addoption("--sensor-port", help="sensor node of a real rig")
     group.addoption("--arm", action="store_true", help="allow torque on a real rig: its joints will move")
+    group.addoption("--report", type=Path, help="file for what was measured: HTML if it ends so, else JSON")
 
 
 def pytest_configure(config):
-    config.stash[REPORT] = []
+    config.stash[REPORT] = LabReport()
     config.stash[INTERRUPTS] = Interrupts()
     if config.getoption("--port") and config.getoption("--rig") == "virtual":
         raise pytest.UsageError("--port: which rig is it? name it with --rig-file, as `servolve rig list` prints it")
     if config.getoption("--port") and not config.getoption("--arm"):
         raise pytest.UsageError("--port: the joints of the rig will move; say --arm when nobody is in their way")
+    report = config.getoption("--report")
+    if report and not report.absolute().parent.is_dir():
+        raise pytest.UsageError(f"--report: there is no folder {report.parent}; make it first")
+
+
+def pytest_collection_modifyitems(items):
+    here = Path(__file__).parent
+
+    def place(item):
+        name = item.path.stem.removeprefix("test_")
+        return ORDER.index(name) if item.path.parent == here and name in ORDER else -1
+
+    items.sort(key=place)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    outcome = yield
+    if item.path.parent == Path(__file__).parent and (call.when == "call" or outcome.outcome != "passed"):
+        item.config.stash[REPORT].tests[item.name] = outcome.outcome
+    return outcome
 
 
 def pytest_terminal_summary(terminalreporter, config):
-    if config.stash[REPORT]:
+    report = config.stash[REPORT]
+    if report.rig:
         terminalreporter.section("rig")
-        for line in config.stash[REPORT]:
+        for line in report.lines():
             terminalreporter.write_line(line)
+    path = config.getoption("--report")
+    if path:
+        report.save(path)
+        terminalreporter.write_line(f"report: {path}")
 
 
 @pytest.fixture(scope="session")
@@ -102,7 +108,7 @@ class Bench:
     """Hold a rig under test: its bus and its time."""
 
     rig: Rig
-    bus: DynamixelBus
+    bus: ServoBus
     clock: Clock
     virtual: bool
 
@@ -110,21 +116,51 @@ class Bench:
     def ids(self) -> tuple[int, ...]:
         return tuple(joint.id for joint in self.rig.joints)
 
-    def table(self, index: int = 0) -> dict[str, Register]:
-        return dict(registers(self.rig.joints[index].product))
+    @property
+    def family(self):
+        """Return the first joint's family; all of a line share a protocol and a state block."""
+        return self.rig.joints[0].family
+
+    def register(self, joint: Joint, name: str) -> Register:
+        return registers(joint.product)[name]
+
+    def read(self, joint: Joint, name: str) -> int:
+        return self.bus.read_register(joint.id, self.register(joint, name))
+
+    def write(self, joint: Joint, name: str, value: int):
+        """Write a register once; return the reply."""
+        register = self.register(joint, name)
+        return self.bus.write(joint.id, register.address, encode_register(register, value))
 
     def values(self, name: str) -> list[int]:
-        return [self.bus.read_register(joint.id, registers(joint.product)[name]) for joint in self.rig.joints]
+        """Read a register of every servo, named as its family calls that part."""
+        return [self.read(joint, getattr(joint.family, name)) for joint in self.rig.joints]
+
+    def state(self) -> tuple[int, int]:
+        """Return address and length of the block that is read in every period."""
+        first, last = (self.register(self.rig.joints[0], name) for name in self.family.state)
+        return first.address, last.address + last.size - first.address
 
 
 @pytest.fixture(scope="session")
 def report(request):
-    """Return a function that adds a line to the end of pytest's output."""
-    return request.config.stash[REPORT].append
+    """Return what is reported at the end of the session."""
+    return request.config.stash[REPORT]
+
+
+@pytest.fixture
+def measured(request, report):
+    """Return a function that puts a measurement into the report: what, unit, limit, and named values."""
+
+    def note(what, unit, limit="", **values):
+        numbers = {name: float(value) for name, value in values.items()}
+        report.measured.append(Measurement(request.node.name, what, unit, numbers, limit))
+
+    return note
 
 
 @pytest.fixture(scope="session")
-def bench(request, interrupts):
+def bench(request, interrupts, report):
     """Connect to the rig and check it; at the end every servo's torque is off, as read back."""
     option = request.config.getoption
     with ExitStack() as stack:
@@ -142,14 +178,19 @@ def bench(request, interrupts):
                 link = stack.enter_context(connect_virtual(VirtualRig(rig), lambda: None))
         except InputError as error:
             pytest.exit(str(error), returncode=pytest.ExitCode.USAGE_ERROR)
-        wrong = [finding.text for finding in check_servos(link.bus, rig)[1] if finding.level == "error"]
+        findings = check_servos(link.bus, rig)[1]
+        wrong = [finding.text for finding in findings if finding.level == "error"]
         if wrong:
             pytest.exit("nothing was written: " + "; ".join(wrong), returncode=pytest.ExitCode.TESTS_FAILED)
+        report.rig |= {"rig": rig.name, "port": option("--port") or "virtual", "protocol": rig.bus.protocol}
+        report.rig |= {"baud": rig.bus.baud, "period_s": rig.period_s}
+        report.findings += [f"{finding.level}: {finding.text}" for finding in findings]
         try:
             yield Bench(rig, link.bus, link.clock, not option("--port"))
         finally:
             with interrupts.deferring():
                 left = release(link.bus, rig, link.clock)
+            report.torque_off = not left
             assert not left, f"torque is not known to be off: {[joint.name for joint in left]}"
 
 
@@ -161,7 +202,8 @@ def armed(bench, interrupts):
         goals = seed_goals(bench.bus, bench.rig)
         torque_on(bench.bus, bench.rig)
         for joint in bench.rig.joints:
-            bench.bus.write_register(joint.id, registers(joint.product)["bus_watchdog"], 0)
+            if joint.family.watchdog is not None:
+                bench.bus.write_register(joint.id, bench.register(joint, joint.family.watchdog), 0)
         yield go_to_neutral(bench, goals)
     finally:
         with interrupts.deferring():
@@ -171,14 +213,19 @@ def armed(bench, interrupts):
 
 def go_to_neutral(bench, start):
     """Move every joint slowly to neutral; return the goals there, once they are at rest."""
-    rig, goal = bench.rig, bench.table()["goal_position"]
+    rig = bench.rig
+    if rig.joints[0].mode != "position":
+        pytest.skip("its joints are driven by speed, not to a position")
     neutral = [joint_count(joint, joint.neutral_rad) for joint in rig.joints]
     travel = max(abs(joint_angle(j, a) - joint_angle(j, b)) for j, a, b in zip(rig.joints, start, neutral, strict=True))
     nstep = math.ceil(travel / (rig.safety.homing_rad_s * rig.period_s)) + 1
     begin = bench.clock.now()
     for step in range(1, nstep + 1):
-        goals = [round(a + (b - a) * step / nstep) for a, b in zip(start, neutral, strict=True)]
-        bench.bus.sync_write(goal.address, {j.id: encode(goal, g) for j, g in zip(rig.joints, goals, strict=True)})
+        goals = {}
+        for joint, a, b in zip(rig.joints, start, neutral, strict=True):
+            register = bench.register(joint, joint.family.goal_position)
+            goals[joint.id] = encode_register(register, round(a + (b - a) * step / nstep))
+        bench.bus.sync_write(register.address, goals)
         bench.clock.sleep_until(begin + step * rig.period_s)
     bench.clock.sleep_until(bench.clock.now() + REST_S)
     return neutral
