@@ -53,7 +53,7 @@ _AX12A: Final[tuple[Register, ...]] = (
     _line("E",  5, 1, "return_delay_time",    "rw",  250, 0, 254, "s", 2e-6),
     _line("E",  6, 2, "cw_angle_limit",       "rw",    0, 0, 1023, "rad", _COUNT),
     _line("E",  8, 2, "ccw_angle_limit",      "rw", 1023, 0, 1023, "rad", _COUNT, "[EM]; both limits 0: wheel mode"),
-    _line("E", 11, 1, "temperature_limit",    "rw",   70, 0, 100, "degC", source="[EM]; its includes: 0 to 99"),
+    _line("E", 11, 1, "temperature_limit",    "rw",   70, 0, 99, "degC", source="[EM], range of its includes"),
     _line("E", 12, 1, "min_voltage_limit",    "rw",   60, 50, 160, "V", 0.1),
     _line("E", 13, 1, "max_voltage_limit",    "rw",  140, 50, 160, "V", 0.1),
     _line("E", 14, 2, "max_torque",           "rw", 1023, 0, 1023, "duty", 1.0 / 1023.0, _MAX_TORQUE),
