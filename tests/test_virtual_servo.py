@@ -222,6 +222,26 @@ def test_bytes_take_their_time_on_the_line(master):
     assert frames[1][0] - frames[0][0] == pytest.approx(500e-6 + len(frames[1][1]) * BYTE_S, abs=1e-9)
 
 
+def test_without_wire_time_answers_come_at_once():
+    master = Master(wire_time=False)
+    assert master.sync_read("present_position", [2, 1, 3]).keys() == {1, 2, 3}
+    assert master.t == master.asked == 0.0
+    assert master.write(1, "return_delay_time", 250) == 0
+    assert len(master.ask(1, dxl.PING)) == 1
+    assert master.t - master.asked == pytest.approx(500e-6), "the servos' own delay stays"
+
+
+def test_an_echo_returns_the_masters_own_bytes_before_the_answer():
+    master = Master(echo=True)
+    question = dxl.encode(1, dxl.PING)
+    [(echoed, own), (ended, answer)] = master.frames(question)
+    assert own == question
+    assert echoed == pytest.approx(len(question) * BYTE_S, abs=1e-9)
+    assert ended - echoed == pytest.approx(len(answer) * BYTE_S, abs=1e-9)
+    assert [packet.id for packet in dxl.PacketParser().feed(answer)] == [1]
+    assert len(master.frames(dxl.encode(9, dxl.PING))) == 1, "who asks in vain hears himself"
+
+
 def test_sync_read_answers_in_the_order_asked_and_stops_at_a_silent_servo(master):
     answers = master.ask(dxl.BROADCAST, dxl.SYNC_READ, block(132, 4) + bytes([3, 1, 2]))
     assert [servo for servo, _, _ in answers] == [3, 1, 2]
