@@ -279,10 +279,6 @@ class AxServo:
         self.table["torque_enable"] = 0
         self._drive()
 
-    def supply_changed(self) -> None:
-        """Drive the shaft with the supply as it is now."""
-        self._drive()
-
     # inside
 
     def _read_addresses(self) -> None:

@@ -250,10 +250,6 @@ class FeetechServo:
         self.table["torque_enable"] = 0
         self._motion.drive(1.0)
 
-    def supply_changed(self) -> None:
-        """Drive the shaft with the supply as it is now."""
-        self._motion.drive(self._protection.duty_max())
-
     # inside
 
     def _act(self, left: float) -> None:
