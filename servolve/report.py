@@ -263,12 +263,18 @@ def _output_rows(controller: Controller) -> Rows:
 
 def _servo_rows(rig: Rig) -> Rows:
     return Rows(
-        ("joint", "servo", "id", "P", "I", "D", "PWM limit"),
+        ("joint", "servo", "gains", "id", "torque ceiling"),
         tuple(
-            (j.name, j.product.name, str(j.id), str(j.p_gain), str(j.i_gain), str(j.d_gain), str(j.pwm_limit))
-            for j in rig.joints
+            (
+                joint.name,
+                joint.product.name,
+                ", ".join(f"{key} {joint.gains[names[0]]}" for key, names in joint.family.gains[joint.mode].items()),
+                str(joint.id),
+                str(joint.ceiling),
+            )
+            for joint in rig.joints
         ),
-        text_columns=2,
+        text_columns=3,
     )
 
 
