@@ -14,7 +14,7 @@ from deploy.clock import Clock
 from deploy.servo_bus import ServoBus
 
 PERIOD_S: Final = 0.02
-GAP_S_MAX: Final = 0.25
+GAP_S_MAX: Final = 0.5
 """A hand turns a joint by less than half a turn in this time [s]."""
 
 

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Final
 
 from controller.rig import Rig
 from controller.rig_file import require_bus
 from deploy.port import SerialPort
 from deploy.servo_bus import ServoBus, open_bus
 
+PATIENCE_S: Final = 0.1
+"""For what is done once, and must not fail because the machine is busy [s]."""
+
 
 @contextmanager
-def rig_bus(rig: Rig, port: str, purpose: str) -> Iterator[ServoBus]:
+def rig_bus(rig: Rig, port: str, purpose: str, patience_s: float = 0.0) -> Iterator[ServoBus]:
     """Open a rig's bus in real time.
 
     Args:
         rig: the rig
         port: device path or ``socket://HOST:PORT``
         purpose: what needs the bus, as an error names it
+        patience_s: how late a reply may come at least, where nothing depends on time [s]
 
     Yields:
         the bus
@@ -28,6 +33,7 @@ def rig_bus(rig: Rig, port: str, purpose: str) -> Iterator[ServoBus]:
     """
     require_bus(rig, purpose)
     line = SerialPort(port, rig.bus.baud)
+    line.latency_s = max(line.latency_s, patience_s)
     try:
         yield open_bus(line, rig)
     finally:

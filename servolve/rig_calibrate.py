@@ -9,7 +9,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,43 +27,21 @@ from deploy.calibration import (
     MARGIN_RAD,
     Travel,
     calibrate_joint,
-    centred_offset,
     exported_motor,
     imported_travel,
-    shifted,
 )
 from deploy.clock import RealClock
-from deploy.finding import Fix
-from deploy.fix import apply_fixes, read_backup
 from deploy.joint_counts import count_limits
 from deploy.lerobot import MotorCalibration, calibration_text, read_calibration
 from deploy.range_recorder import read_counts, record_travel
-from deploy.servo_backup import save_backup
 from deploy.servo_bus import ServoBus
 from deploy.stop_request import StopRequest
 from deploy.toml_edit import set_values
 from deploy.torque import release, unsure_sentence
-from servolve.rig_bus import rig_bus
-from servolve.rig_consent import agreed, backup_path, restore_command
+from servolve.rehome import Pose, centred, rehome
+from servolve.rig_bus import PATIENCE_S, rig_bus
 
 _KEYS = ("zero_tick", "low_rad", "high_rad")
-
-
-@dataclass
-class _Pose:
-    """Hold what is known of one joint.
-
-    Args:
-        joint: as the rig file has it
-        settings: what its servo holds of "homing_offset" and "drive_mode"
-        at: count where it stands at its neutral angle, or None
-        travel: how far it goes, or None
-    """
-
-    joint: Joint
-    settings: dict[str, int] = field(default_factory=dict)
-    at: int | None = None
-    travel: Travel | None = None
 
 
 def calibrate(
@@ -114,7 +92,7 @@ def calibrate(
     _check_options(about, port, asked, range_, middle, center, margin, import_, export, backup, yes, json_)
     for file in (out, export):
         _refuse_existing(file, about)
-    poses = [_Pose(joint) for joint in _chosen(about, joints)]
+    poses = [Pose(joint) for joint in _chosen(about, joints)]
     motors = read_calibration(import_) if import_ else {}
     console = Console(stderr=json_)
     with _maybe_bus(about, port) as bus:
@@ -130,8 +108,8 @@ def calibrate(
             if range_ is not None:
                 _record(bus, poses, stand, range_, console)
             if center:
-                fixes, poses = _centred(poses, middle, margin)
-                _rehome(bus, about, port or "", fixes, backup, yes, console)
+                fixes, poses = centred(poses, middle, margin)
+                rehome(bus, about, port or "", fixes, backup, yes, console)
         for pose in poses:
             if motors:
                 pose.travel = _imported(pose, motors, import_, asked=bus is not None)
@@ -211,7 +189,7 @@ def _maybe_bus(rig: Rig, port: str | None) -> Iterator[ServoBus | None]:
     if port is None:
         yield None
         return
-    with rig_bus(rig, port, "calibration") as bus:
+    with rig_bus(rig, port, "calibration", PATIENCE_S) as bus:
         yield bus
 
 
@@ -235,7 +213,7 @@ def _release(bus: ServoBus, rig: Rig, console: Console) -> None:
         raise RunError(unsure_sentence(left))
 
 
-def _record(bus: ServoBus, poses: Sequence[_Pose], stand: Mapping[str, int], seconds: float, console: Console) -> None:
+def _record(bus: ServoBus, poses: Sequence[Pose], stand: Mapping[str, int], seconds: float, console: Console) -> None:
     joints = [pose.joint for pose in poses]
     console.print(
         f"move {', '.join(joint.name for joint in joints)} from stop to stop for {seconds:g} s; q ends it early, "
@@ -268,44 +246,7 @@ def _progress(joints: Sequence[Joint], travels: Mapping[str, Travel], left_s: fl
     return table
 
 
-def _centred(poses: Sequence[_Pose], middle: bool, margin: float) -> tuple[list[Fix], list[_Pose]]:
-    """Return the homing offsets that put the wrap outside the travel, and the poses as they will be reported then."""
-    fixes, after = [], []
-    for pose in poses:
-        assert pose.travel is not None  # --center needs --range
-        held = pose.settings.get("homing_offset", 0)
-        offset = centred_offset(pose.joint, pose.travel, held)
-        travel = shifted(pose.joint, pose.travel, held, offset)
-        at = None if pose.at is None else pose.at + travel.low - pose.travel.low
-        # what can not be calibrated is refused before anything is written
-        calibrate_joint(pose.joint, at=at, travel=travel, middle=middle, margin_rad=margin)
-        after.append(_Pose(pose.joint, pose.settings | {"homing_offset": offset}, at, travel))
-        if offset != held:
-            fixes.append(Fix(pose.joint.id, "homing_offset", held, offset, "puts the wrap outside the travel"))
-    return fixes, after
-
-
-def _rehome(
-    bus: ServoBus, rig: Rig, port: str, fixes: Sequence[Fix], backup: Path | None, yes: bool, console: Console
-) -> None:
-    """Give servos new homing offsets, with consent and a backup."""
-    if not fixes:
-        return
-    if not agreed(console, rig, fixes, yes):
-        raise RunError("the servos were not re-homed; nothing was written")
-    joints = {joint.id: joint for joint in rig.joints}
-    held = [read_backup(bus, rig, fix.servo, joints[fix.servo].product, rig.bus.baud) for fix in fixes]
-    kept = backup or backup_path(rig)
-    save_backup(kept, rig.name, held)
-    undo = restore_command(rig, port, kept)
-    try:
-        apply_fixes(bus, rig, held, fixes, lambda _: None)
-    except RunError as error:
-        raise RunError(f"{error}; `{undo}` puts all of it back") from None
-    console.print(f"re-homed; `{undo}` puts it back", soft_wrap=True)
-
-
-def _imported(pose: _Pose, motors: Mapping[str, MotorCalibration], file: Path | None, asked: bool) -> Travel:
+def _imported(pose: Pose, motors: Mapping[str, MotorCalibration], file: Path | None, asked: bool) -> Travel:
     joint = pose.joint
     found = next((motor for motor in motors.values() if motor.id == joint.id), None)
     named = motors.get(joint.name)
@@ -337,7 +278,7 @@ def _edited(rig: Rig, changes: Mapping[str, Mapping[str, int | float]], path: Pa
     return replace(parse_rig(text, path), body=rig.body)
 
 
-def _exported(rig: Rig, poses: Sequence[_Pose]) -> dict[str, MotorCalibration]:
+def _exported(rig: Rig, poses: Sequence[Pose]) -> dict[str, MotorCalibration]:
     settings = {pose.joint.name: pose.settings for pose in poses}
     joints = [joint for joint in rig.joints if joint.name in settings]
     for joint in joints:

@@ -30,7 +30,7 @@ from deploy.sensor_reader import SensorReader
 from deploy.servo_backup import ServoBackup, load_backup, save_backup
 from deploy.servo_bus import BusError, ServoBus
 from deploy.servo_findings import setting_findings
-from servolve.rig_bus import rig_bus
+from servolve.rig_bus import PATIENCE_S, rig_bus
 from servolve.rig_consent import agreed, backup_path, restore_command
 
 LISTEN_S: Final = 1.0
@@ -90,7 +90,7 @@ def check(
         json_: print one JSON object
 
     Returns:
-        exit status; 1 if the rig is not ready
+        exit status; 1 if the rig is not ready, unless it was to be put back
     """
     about = load_rig(rig)
     if fix and restore:
@@ -103,7 +103,7 @@ def check(
     console = Console(stderr=json_)
     kept: Path | None = None
     made: list[Fix] = []
-    with rig_bus(about, port, "a check") as bus:
+    with rig_bus(about, port, "a check", PATIENCE_S) as bus:
         survey = _survey(bus, about, sensor_port)
         _show(console, about, port, survey)
         if fix or restore:
@@ -117,8 +117,10 @@ def check(
                 _show(console, about, port, survey)
     if json_:
         print(json.dumps(_told(about, port, survey, made, kept)))
+    if restore:
+        return 0
     if survey.errors:
-        raise RunError(_not_ready(about, survey, fixing=bool(fix or restore)))
+        raise RunError(_not_ready(about, survey, fixing=fix))
     console.print(f"{about.name} is ready", highlight=False)
     return 0
 
@@ -141,11 +143,18 @@ def _survey(bus: ServoBus, rig: Rig, sensor_port: str | None) -> _Survey:
         readings[number] = Reading(joint, values)
         named = f"joint {joint.name} (servo {joint.id})"
         findings = [finding for finding in findings if not finding.text.startswith(f"{named}:")]
-        text = f"{named}: answers at {baud} baud, not at the rig's {rig.bus.baud}; --fix sets it right"
-        findings += [Finding("error", text), *setting_findings(rig, joint, values)]
+        findings += [_told_where(rig, named, baud, finding) for finding in setting_findings(rig, joint, values)]
     if sensor_port is not None:
         findings += _listen(rig, sensor_port)
-    return _Survey(tuple(readings), tuple(findings), elsewhere)
+    return _Survey(tuple(readings), tuple(sorted(findings, key=lambda finding: finding.level)), elsewhere)
+
+
+def _told_where(rig: Rig, named: str, baud: int, finding: Finding) -> Finding:
+    """Say of a servo's bit rate that this is how it answers."""
+    if finding.fix is None or finding.fix.register != "baud_rate":
+        return finding
+    text = f"{named}: answers at {baud} baud, not at the rig's {rig.bus.baud}; set baud_rate to {finding.fix.want}"
+    return Finding(finding.level, text, finding.fix)
 
 
 def _listen(rig: Rig, sensor_port: str) -> list[Finding]:

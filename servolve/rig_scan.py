@@ -76,7 +76,7 @@ def scan_port(
         for note in notes:
             print(note)
     if interrupted:
-        raise RunError(f"{port}: interrupted after {len(asked)} of {len(steps)} steps; what was found is above")
+        raise RunError(f"{port}: interrupted after {len(asked)} of {len(steps)} steps; scan again for the rest")
     if not found and not json_:
         raise RunError(
             f"{port}: nobody answered in {len(asked)} steps of protocol and bit rate; check power, cable and the "
@@ -120,15 +120,15 @@ def _numbers(option: str, text: str | None, low: int, high: int) -> list[int]:
 
 
 def _table(found: Sequence[Found], socket: bool) -> Table:
-    table = Table("id", "servo", "model", "protocol", "baud", "delay", "°C", "V", "notes")
+    mixed = len({(servo.protocol, servo.baud) for servo in found}) > 1
+    table = Table("id", "servo", "model", *(("protocol", "baud") if mixed else ()), "delay", "°C", "V", "notes")
     for servo in found:
         told = _described(servo, socket)
         table.add_row(
             str(servo.id),
             " or ".join(servo.products) or "unknown",
             str(servo.model or "-"),
-            servo.protocol,
-            str(told["baud"] or "-"),
+            *((servo.protocol, str(told["baud"] or "-")) if mixed else ()),
             _shown(told["return_delay_us"], "{:.0f} us"),
             _shown(told["temperature_c"], "{:.0f}"),
             _shown(told["voltage_v"], "{:.1f}"),

@@ -3,26 +3,28 @@
 import json
 import math
 import os
-import socket
-import threading
 import tomllib
+from contextlib import contextmanager
+from io import StringIO
 
 import pytest
-from served_rig import serve, servolve
+from rich.console import Console
+from served_rig import serve
 
 from controller import load_rig
-from controller.errors import RunError
+from controller.errors import InputError, RunError
 from controller.registers import registers
-from deploy.calibration import begin_travel
+from deploy.calibration import Travel, begin_travel, calibrate_joint
 from deploy.clock import LockstepClock
 from deploy.lockstep_port import LockstepPort
-from deploy.port import SerialPort
 from deploy.range_recorder import read_counts, record_travel
+from deploy.servo_backup import load_backup
 from deploy.servo_bus import open_bus
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig
 from servolve.cli import main
+from servolve.rehome import Pose, centred, rehome
 
 X330 = load_rig("lamp-xc330")
 STS = load_rig("lamp-sts3215")
@@ -31,14 +33,18 @@ STS = load_rig("lamp-sts3215")
 # following joints that move
 
 
-def follow(name, seconds=1.0, faults=(), patience=10**9):
-    """Let go of a lamp that stands, and follow its joints as it sinks; return the travels and the true angles."""
+@contextmanager
+def following(name, seconds=1.0, faults=(), patience=10**9, offsets=()):
+    """Let go of a lamp that stands, and follow its joints as it sinks; give bus, rig, travels and the true angles."""
     rig = load_rig(name)
     virtual = VirtualRig(rig, faults=[parse_fault(fault) for fault in faults])
     truth = []
     with LockstepBench(virtual) as bench:
         bus = open_bus(LockstepPort(bench, rig.bus.baud), rig)
         try:
+            for joint, offset in zip(rig.joints, offsets, strict=False):
+                bus.write_register(joint.id, registers(joint.product)["lock"], 0)
+                bus.write_register(joint.id, registers(joint.product)["homing_offset"], offset)
             for value in (1, 0):
                 for joint in rig.joints:
                     bus.write_register(joint.id, registers(joint.product)[joint.family.torque_enable], value)
@@ -49,10 +55,14 @@ def follow(name, seconds=1.0, faults=(), patience=10**9):
 
             start = read_counts(bus, rig.joints)
             truth.append(virtual.truth().joint_rad.copy())
-            travels = record_travel(bus, rig.joints, LockstepClock(bench), start, seconds, watch)
+            yield bus, rig, record_travel(bus, rig.joints, LockstepClock(bench), start, seconds, watch), truth
         finally:
             bus.close()
-    return rig, travels, truth
+
+
+def follow(name, **how):
+    with following(name, **how) as (_, rig, travels, truth):
+        return rig, travels, truth
 
 
 @pytest.mark.parametrize("name", ["lamp-xc330", "lamp-ax12", "lamp-sts3215"])
@@ -75,7 +85,7 @@ def test_following_can_be_ended_early():
 
 
 def test_a_servo_that_is_silent_for_long_ends_it_and_one_lost_reply_does_not():
-    with pytest.raises(RunError, match=r"joint a1 \(servo 2\): did not answer for 0.25 s while it was followed"):
+    with pytest.raises(RunError, match=r"joint a1 \(servo 2\): did not answer for 0.5 s while it was followed"):
         follow("lamp-xc330", faults=["dead=2@0.3"])
     _, travels, _ = follow("lamp-xc330", faults=["drop=0.05"])
     assert set(travels) == {"a0", "a1", "a2"}
@@ -151,55 +161,43 @@ def test_a_published_calibration_of_three_motors_fits_a_rig(tmp_path):
         assert joint.high_rad == pytest.approx((motor["range_max"] - middle) * 2 * math.pi / 4096, abs=2e-3)
 
 
-def move_by_hand(address, counts, over):
-    """Move an STS lamp's joints to and fro as a second master, which asks for no answer."""
-    host, port = address.removeprefix("socket://").rsplit(":", 1)
-    with socket.create_connection((host, int(port))) as line:
-        number = 0
-        while not over.wait(0.05):
-            number += 1
-            data = [
-                byte
-                for servo, count in counts.items()
-                for byte in (servo, *count[number // 10 % 2].to_bytes(2, "little"))
-            ]
-            body = [0xFE, len(data) + 4, 0x83, 42, 2, *data]
-            line.sendall(bytes([0xFF, 0xFF, *body, ~sum(body) & 0xFF]))
-
-
-def test_travel_is_recorded_and_a_servo_re_homed(tmp_path):
-    rig = serve(tmp_path, "lamp-sts3215", "--no-wire-time")
-    over = threading.Event()
-    try:
-        bus = open_bus(SerialPort(str(rig.bus), STS.bus.baud), STS)
-        table = registers(STS.joints[0].product)
-        bus.write_register(1, table["lock"], 0, attempts=20)
-        bus.write_register(1, table["homing_offset"], -900, attempts=20)
-        bus.close()
-        counts = {1: (2748, 3148), 2: (1848, 2248), 3: (1848, 2248)}  # 200 counts to both sides
-        out, motors, backup = (tmp_path / name for name in ("mine.rig.toml", "motors.json", "backup.json"))
-        files = ("--out", out, "--export", motors, "--backup", backup)
-        calibrate = servolve(
-            *("rig", "calibrate", "lamp-sts3215", "--port", rig.bus, "--range", "4", "--middle", "--center", "--yes"),
-            *files,
+def test_a_servo_whose_travel_crosses_the_wrap_is_re_homed(tmp_path):
+    _, plain, _ = follow("lamp-sts3215")
+    middles = [(plain[joint.name].low + plain[joint.name].high) // 2 for joint in STS.joints]
+    offsets = [(middle + 2047) % 4095 - 2047 for middle in middles]  # the wrap in the middle of the travel
+    with following("lamp-sts3215", offsets=offsets) as (bus, rig, travels, _):
+        moved = max(rig.joints, key=lambda joint: travels[joint.name].high - travels[joint.name].low)
+        travel = travels[moved.name]
+        assert travel.low < 0 or travel.high > 4095
+        with pytest.raises(InputError, match="across the encoder's wrap at 4095; add --center"):
+            calibrate_joint(moved, travel=travel, middle=True)
+        pose = Pose(moved, {"homing_offset": offsets[rig.joints.index(moved)]}, None, travel)
+        fixes, (after,) = centred([pose], True, 0.0)
+        assert (after.travel.low + after.travel.high) / 2 == pytest.approx(2048, abs=1)
+        rehome(bus, rig, "port", fixes, tmp_path / "backup.json", True, Console(quiet=True))
+        table = registers(moved.product)
+        assert bus.read_register(moved.id, table["homing_offset"]) == after.settings["homing_offset"]
+        assert bus.read_register(moved.id, table["lock"]) == 1
+        assert read_counts(bus, [moved])[moved.name] == pytest.approx(after.travel.last, abs=3), (
+            "it has hardly moved since"
         )
-        calibrate.wait_for("move a0")
-        hand = threading.Thread(target=move_by_hand, args=(rig.tcp, counts, over))
-        hand.start()
-        status, lines = calibrate.end()
-        over.set()
-        hand.join()
-        assert status == 0, lines
-    finally:
-        over.set()
-        rig.kill()
-    joint = load_rig(out).joints[0]
-    exported = json.loads(motors.read_text())["a0"]
-    assert exported["homing_offset"] == pytest.approx(0, abs=60)
-    assert joint.zero_tick == pytest.approx(2048, abs=2), "the middle of the travel is the middle of the counts"
-    assert joint.high_rad - joint.low_rad == pytest.approx(400 * 2 * math.pi / 4096, rel=0.25)
-    held = json.loads(backup.read_text())["servos"][0]
-    assert (held["id"], held["registers"]["homing_offset"]) == (1, -900)
+    held = load_backup(tmp_path / "backup.json")[0]
+    assert (held.id, held.values["homing_offset"]) == (moved.id, pose.settings["homing_offset"])
+
+
+def test_nothing_is_re_homed_without_consent_or_where_it_would_not_help(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.stdin", StringIO("n\n"))
+    with following("lamp-sts3215", seconds=0.1) as (bus, rig, _, _):
+        pose = Pose(rig.joints[0], {"homing_offset": 0}, None, Travel(3900, 4500, 3900))
+        fixes, _ = centred([pose], True, 0.0)
+        with pytest.raises(RunError, match="the servos were not re-homed; nothing was written"):
+            rehome(
+                bus, rig, "port", fixes, tmp_path / "b.json", False, Console(quiet=True, file=StringIO(), stderr=False)
+            )
+        still = Pose(rig.joints[0], {"homing_offset": 0}, None, Travel(4090, 4100, 4090))
+        with pytest.raises(InputError, match="move it from stop to stop"):
+            centred([still], True, 0.0)
+    assert not (tmp_path / "b.json").exists()
 
 
 def test_a_rig_file_of_ones_own_may_be_written_again_and_others_not(tmp_path, capfd):

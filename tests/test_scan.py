@@ -163,3 +163,33 @@ def test_two_servos_with_one_id_garble_the_answer(line):
 def test_an_echo_is_no_answer(line):
     answers = broadcast_ping(line(lambda frame: [(0.0, frame), (0.01, STATUS_2)]))
     assert (answers.models, answers.garbled) == ({1: 0x0406}, False)
+
+
+@pytest.mark.parametrize(
+    ("name", "protocol", "products"),
+    [
+        ("lamp-ax12", "dynamixel-1.0", ("ax-12a",)),
+        ("lamp-sts3215", "feetech", ("sts3215", "sts3215-7v4")),
+        ("lamp-xl430", "dynamixel-2.0", ("xl430-w250",)),
+    ],
+)
+def test_every_family_is_told_by_what_its_servos_say(name, protocol, products):
+    rig = load_rig(name)
+    step = ("dynamixel-2.0" if protocol == "dynamixel-2.0" else "protocol-1", rig.bus.baud)
+    found = found_on(VirtualRig(rig), [step])[0].found
+    assert [(servo.id, servo.protocol, servo.products) for servo in found] == [
+        (joint.id, protocol, products) for joint in rig.joints
+    ]
+    for servo, joint in zip(found, rig.joints, strict=True):
+        assert servo.model == joint.product.model_number
+        assert servo.values["id"] == joint.id
+        assert not servo.shared
+
+
+@pytest.mark.parametrize("name", ["lamp-xc330", "lamp-ax12", "lamp-sts3215"])
+def test_two_servos_with_one_id_are_told(name):
+    rig = load_rig(name)
+    step = ("dynamixel-2.0" if rig.bus.protocol == "dynamixel-2.0" else "protocol-1", rig.bus.baud)
+    virtual = VirtualRig(rig, faults=[parse_fault("duplicate-id=2")])
+    found = found_on(virtual, [step], ids=range(8))[0].found
+    assert [(servo.id, servo.shared) for servo in found] == [(1, False), (2, True)]
