@@ -8,20 +8,24 @@ import random
 import time
 
 import pytest
+from manual import scs_text
 
 from controller.controller_file import load_controller, parse_controller
 from controller.errors import InputError, RunError
+from controller.registers import registers
 from controller.rig_file import load_rig, parse_rig
 from deploy.connection import connect_virtual
+from deploy.lerobot import read_calibration
 from deploy.log import read_log
 from deploy.sensor_reader import SensorReader, checksum
 from deploy.virtual import dynamixel2, protocol1
+from deploy.virtual.control_channel import answer_request
 from deploy.virtual.eeprom_file import load_eeprom
-from deploy.virtual.faults import parse_fault
+from deploy.virtual.faults import parse_fault, read_faults
 from deploy.virtual.rig import VirtualRig
 from deploy.virtual.twin import load_twin
 
-ROUNDS = 80
+ROUNDS = 50
 RIG = load_rig("lamp-xc330")
 BURST = 4  # mutated pieces between two good ones
 QUIET_S = 0.2  # a broken packet is forgotten by then
@@ -131,18 +135,33 @@ def answered(rig, frame):
     return replies
 
 
-def test_the_line_of_x_servos(rounds):
-    rig = VirtualRig(RIG)
+LINES = {
+    "lamp-xc330": (dynamixel2, X_FRAMES),
+    "lamp-ax12": (protocol1, FIRST_FRAMES),
+    "lamp-sts3215": (protocol1, FIRST_FRAMES),
+}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_lines_of_servos(rounds, name):
+    codec, frames = LINES[name]
+    rig = VirtualRig(load_rig(name))
     for rng in rounds:
         for _ in range(BURST):
-            answered_to = rig.transmit(mutate(rng, X_FRAMES), rig.now + rng.choice((0.0, 1e-4, QUIET_S)))
+            answered_to = rig.transmit(mutate(rng, frames), rig.now + rng.choice((0.0, 1e-4, QUIET_S)))
             rig.replies_until(answered_to + rng.choice((0.0, 1e-3)))
         while (event := rig.next_event()) is not None:
             rig.replies_until(event)
-        # a mutated frame can be a good one: ask for what no mutation of these frames can take away
-        replies = answered(rig, dynamixel2.encode(dynamixel2.BROADCAST, dynamixel2.PING))
-        packets = dynamixel2.PacketParser().feed(replies)
-        assert [packet.id for packet in packets] == [1, 2, 3]
+        if codec is dynamixel2:
+            found = codec.PacketParser().feed(answered(rig, codec.encode(codec.BROADCAST, codec.PING)))
+            assert [packet.id for packet in found] == [1, 2, 3]
+            continue
+        # with one byte for a checksum, a mutated frame is now and then a good one that changes an id or a rate
+        replies = [answered(rig, codec.encode(servo, codec.PING)) for servo in (1, 2, 3)]
+        if not all(replies):
+            rig = VirtualRig(load_rig(name))
+            continue
+        assert [codec.PacketParser().feed(reply)[-1].id for reply in replies] == [1, 2, 3]
 
 
 def sealed(rng, frames):
@@ -155,15 +174,16 @@ def sealed(rng, frames):
     )
 
 
-def test_servos_that_get_well_formed_nonsense(rounds):
-    rig = VirtualRig(RIG)
+@pytest.mark.parametrize("name", LINES)
+def test_servos_that_get_well_formed_nonsense(rounds, name):
+    codec, frames = LINES[name]
+    about = load_rig(name)
     for number, rng in enumerate(rounds):
-        if number % 50 == 0:
-            rig = VirtualRig(RIG)  # they may have been given new ids and rates
+        if number % 40 == 0:
+            rig = VirtualRig(about)  # they may have been given new ids and rates
         for _ in range(BURST):
-            replies = answered(rig, sealed(rng, (dynamixel2, rng.choice(X_FRAMES))))
-            for packet in dynamixel2.PacketParser().feed(replies):
-                assert packet.instruction == dynamixel2.STATUS
+            answered(rig, sealed(rng, (codec, rng.choice(frames))))
+        rig.advance(rig.now + QUIET_S)
 
 
 class Babbling(VirtualRig):
@@ -178,22 +198,30 @@ class Babbling(VirtualRig):
         return [(end, mutate(self.rng, [reply])) for end, reply in replies]
 
 
-def test_the_hosts_bus_that_hears_nonsense(rounds):
-    rig = Babbling(RIG)
-    servos = [joint.id for joint in RIG.joints]
+@pytest.mark.parametrize("name", [*LINES, "scs"])
+def test_the_hosts_bus_that_hears_nonsense(rounds, name):
+    about = parse_rig(scs_text(), load_rig("lamp-xl330").path) if name == "scs" else load_rig(name)
+    servos = [joint.id for joint in about.joints]
+    joint = about.joints[0]
+    table = registers(joint.product)
+    first, last, gain = (table[key] for key in (*joint.family.state, "torque_enable"))
+    block = (first.address, last.address + last.size - first.address)
+    rig = Babbling(about)
     with connect_virtual(rig, lambda: None) as link:
         for rng in rounds:
             rig.rng = rng
             for _ in range(2):
-                said = link.bus.sync_read(servos, 126, 10)
+                said = link.bus.sync_read(servos, *block)
                 assert list(said) == servos
-                for reply in (*said.values(), link.bus.read(2, 132, 4), link.bus.write(1, 65, b"\x01")):
+                single = link.bus.read(2, first.address, first.size)
+                for reply in (*said.values(), single, link.bus.write(1, gain.address, b"\x00"), link.bus.ping(3)[0]):
                     assert reply.status in ("data", "refused", "missing", "corrupt")
-                    assert reply.status != "data" or len(reply.data) in (0, 4, 10)
+                assert all(len(reply.data) == block[1] for reply in said.values() if reply.status == "data")
+                assert single.status != "data" or len(single.data) == first.size
             rig.rng = None
-            link.clock.sleep_until(link.clock.now() + QUIET_S)
-            link.bus.sync_read(servos, 126, 10)  # what came late is not the next answer
-            assert {reply.status for reply in link.bus.sync_read(servos, 126, 10).values()} == {"data"}
+            link.clock.sleep_until(link.clock.now() + 2 * QUIET_S)
+            link.bus.sync_read(servos, *block)  # what came late is not the next answer
+            assert {reply.status for reply in link.bus.sync_read(servos, *block).values()} == {"data"}
 
 
 # sensor lines
@@ -274,6 +302,36 @@ def test_eeprom_files(rounds, tmp_path):
 def test_fault_specifications(rounds):
     seeds = [b"drop=0.01", b"dead=2@3.0-4.5", b"supply=4.2@1", b"sensor-dead=P", b"estop@3", b"overload=1@0-1e3"]
     survives(rounds, seeds, lambda data: parse_fault(data.decode("utf-8", "replace").replace("\n", " ")))
+
+
+def test_fault_files(rounds, tmp_path):
+    path = tmp_path / "faults.toml"
+
+    def read(data):
+        path.write_bytes(data)
+        read_faults([str(path)])
+
+    good = b'format = 1\nfaults = ["drop=0.01", "dead=2@3"]\n'
+    read(good)
+    survives(rounds, [good], read)
+
+
+def test_lerobot_calibrations(rounds, tmp_path):
+    motor = {"id": 1, "drive_mode": 0, "homing_offset": -1465, "range_min": 901, "range_max": 3195}
+    good = json.dumps({"a0": motor, "a1": motor | {"id": 2}}, indent=4).encode()
+    read = file_reader(tmp_path, "arm.json", read_calibration)
+    read(good)
+    survives(rounds, [good], read)
+
+
+def test_control_requests(rounds):
+    rig = VirtualRig(RIG)
+    seeds = [b'{"faults": ["drop=0.5", "dead=2@1-2"]}', b'{"state": null}', b'{"time": null, "faults": []}']
+    for rng in rounds:
+        for _ in range(BURST):
+            answer = json.loads(answer_request(rig, mutate(rng, seeds)))
+            assert "error" in answer or "time" in answer
+        assert json.loads(answer_request(rig, b'{"faults": []}'))["faults"] == []
 
 
 def test_logs(rounds, tmp_path, short_log):

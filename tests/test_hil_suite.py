@@ -1,5 +1,6 @@
 """The suite for any rig, put to a served one: what it refuses, and that torque is off however it ends."""
 
+import json
 import re
 import signal
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import time
 
 import pytest
+from lab_report import LabReport, Measurement
 from served_rig import POLITE, ROOT, WAIT_S, read_bytes
 
 from controller import load_rig
@@ -49,6 +51,31 @@ def test_servos_are_tested_without_a_sensor_node(serve_rig):
     told, _ = run.communicate(timeout=WAIT_S)
     assert run.returncode == 0, told
     assert "4 passed" in told
+
+
+@pytest.mark.parametrize("name", ["lamp-sts3215", "lamp-ax12"])
+def test_servos_of_other_families_are_tested_and_reported_on(serve_rig, tmp_path, name):
+    bus, told = serve_rig(name).bus, tmp_path / "report.json"
+    run = suite("--port", bus, "--rig-file", name, "--arm", "--report", told, "-k", "right_one or health or after_all")
+    said, _ = run.communicate(timeout=WAIT_S)
+    assert run.returncode == 0, said
+    report = json.loads(told.read_text())
+    assert (report["rig"]["rig"], report["torque_off"]) == (name, True)
+    assert [servo["id"] for servo in report["servos"]] == [1, 2, 3]
+    assert set(report["tests"].values()) == {"passed"} and len(report["tests"]) == 3
+    assert {measured["what"] for measured in report["measured"]} == {"supply", "temperature"}
+    assert any("no bus watchdog" in finding for finding in report["findings"])
+
+
+def test_a_report_as_html_says_what_was_measured_and_quotes_what_it_must(tmp_path):
+    report = LabReport({"rig": "a<b>"}, [{"joint": "a0", "id": 1}], ["warning: x & y"], {"test_x": "passed"})
+    report.measured.append(Measurement("test_x", "round trip", "ms", {"p50": 0.81234}, "at most 20"))
+    report.torque_off = True
+    report.save(tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text()
+    for said in ("a&lt;b&gt;", "x &amp; y", "p50 0.8123", "at most 20", "off, as read back", "test_x"):
+        assert said in text
+    assert "<b>not known" not in text
 
 
 def test_a_rig_that_is_not_the_one_is_left_alone(serve_rig):
