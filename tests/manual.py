@@ -6,6 +6,8 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
+from controller.rig_file import load_rig
+
 GOLDEN = Path(__file__).parent / "golden"
 
 
@@ -108,3 +110,19 @@ class Memory:
             expected = self.values[item.name]
             assert expected is None or held == expected, f"{item.name} reads {held}, should hold {expected}"
             self.values[item.name] = held
+
+
+def scs_text() -> str:
+    """Return a rig file of the small lamp on SCS0009 servos, of which no rig is shipped."""
+    changed = {
+        "zero_tick = 2048": "zero_tick = 511",
+        "watchdog_s = 0.1": "watchdog_s = 0.0",
+        "p_gain = 1450": "p_gain = 100",
+        "pwm_limit = 885\n": "\n",
+        '"xl330-m288"': '"scs0009"',
+        '"dynamixel-2.0"': '"feetech-scs"',
+    }
+    text = load_rig("lamp-xl330").text
+    for old, new in changed.items():
+        text = text.replace(old, new)
+    return text

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
-from manual import Memory, load_items
+from manual import Memory, load_items, scs_text
 from manual_protocol1 import (
     ACTION,
     ALL,
@@ -355,19 +355,7 @@ def rig_of(family):
     """Return a lamp on servos of a family; no SCS one is shipped."""
     if family != "scs":
         return load_rig({"ax": "lamp-ax12", "sts": "lamp-sts3215"}[family])
-    rig = load_rig("lamp-xl330")
-    changed = {
-        "zero_tick = 2048": "zero_tick = 511",
-        "watchdog_s = 0.1": "watchdog_s = 0.0",
-        "p_gain = 1450": "p_gain = 15",
-        "pwm_limit = 885\n": "\n",
-        '"xl330-m288"': '"scs0009"',
-        '"dynamixel-2.0"': '"feetech-scs"',
-    }
-    text = rig.text
-    for old, new in changed.items():
-        text = text.replace(old, new)
-    return parse_rig(text, rig.path)
+    return parse_rig(scs_text(), load_rig("lamp-xl330").path)
 
 
 @pytest.mark.parametrize("family", ["ax", "sts", "scs"])
