@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from controller.rig_file import load_rig
+from controller.rig_file import load_rig, parse_rig
 from controller.schedule import Schedule, Transaction, TransactionKind, period, schedule_of
 
 READ = Transaction(TransactionKind.READ_STATE, -1, 126, 10)
@@ -39,3 +39,12 @@ def test_every_block_of_every_servo_is_read_once_a_round():
 def test_no_health_and_the_last_period_of_all():
     assert period(Schedule(3, (126, 10), (116, 4), ()), 7) == (READ, RUN, WRITE)
     assert len(period(Schedule(3, (126, 10), (116, 4), ((70, 1),)), 2**31 - 1)) == 4
+
+
+def test_a_rig_in_velocity_mode_writes_goal_velocities():
+    jumper = schedule_of(load_rig("jumper-xc330"))
+    assert (jumper.nservo, jumper.state, jumper.goal) == (4, (126, 10), (104, 4))
+    sts = load_rig("lamp-sts3215")
+    gains = "p_gain = 50\ni_gain = 0\nd_gain = 0\n"
+    speed = 'mode = "velocity"\nspeed_rad_s_max = 4.0\nvelocity_p_gain = 10\nvelocity_i_gain = 0\n'
+    assert schedule_of(parse_rig(sts.text.replace(gains, speed), sts.path)).goal == (46, 2)
