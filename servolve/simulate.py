@@ -28,6 +28,13 @@ GOAL_M: Final = 0.4
 SECONDS: Final = 6.0
 TIMESTEP_S: Final = 0.001
 
+VIRTUAL_ONLY: Final = (
+    *("torque_constant_scale", "d_gain_scale", "backlash_scale", "voltage_slope_scale", "encoder_bias_rad"),
+    *("com_x_m", "com_y_m", "stiction_scale", "supply_ohm"),
+    *("force_bias_n", "position_bias_m", "angle_bias_rad", "sensor_latency_s"),
+)
+"""What a twin can say that acts on the virtual rig only."""
+
 
 def simulate(
     controller: Path,
@@ -209,6 +216,7 @@ def _run(
     console: Console,
 ) -> Simulation:
     """Simulate on the nominal rig or its twin."""
+    from deploy.virtual.twin import check_twin
     from sim_models.body import build_model, substeps
     from sim_models.simulation import simulate as simulate_once
 
@@ -226,19 +234,24 @@ def _run(
             scene=scene,
         )
     step = (twin.timestep_s or TIMESTEP_S) if timestep is None else timestep
-    if twin.stiction_scale != 1.0:
+    left_out = [key for key in VIRTUAL_ONLY if twin.changes(key)]
+    if left_out:
+        act = "acts" if len(left_out) == 1 else "act"
         console.print(
-            f"servolve: warning: twin {twin.name}: stiction_scale acts on the virtual rig only; it is left out here",
+            f"servolve: warning: twin {twin.name}: {', '.join(left_out)} {act} on the virtual rig only; left out here",
             highlight=False,
         )
+    check_twin(twin, [joint.name for joint in rig.joints], rig.name)
+    own = [twin.joint(joint.name) for joint in rig.joints]
     # the twin's servos: their stall torque and supply change with their perturbation, their gain with the rig
-    joints = tuple(_with_gains(joint, twin.p_gain_scale) for joint in rig.joints)
+    joints = tuple(_with_gains(joint, each.p_gain_scale) for joint, each in zip(rig.joints, own, strict=True))
     other = replace(rig, joints=joints)
     model = build_model(other, timestep_s=step, lean=True, scene=scene)
-    for dof in (model.joint(joint.mjcf_joint).dofadr[0] for joint in rig.joints):
-        model.dof_frictionloss[dof] *= twin.joint_friction_scale
-        model.dof_damping[dof] *= twin.joint_damping_scale
-        model.dof_armature[dof] *= twin.armature_scale
+    for joint, each in zip(rig.joints, own, strict=True):
+        dof = model.joint(joint.mjcf_joint).dofadr[0]
+        model.dof_frictionloss[dof] *= each.joint_friction_scale
+        model.dof_damping[dof] *= each.joint_damping_scale
+        model.dof_armature[dof] *= each.armature_scale
     return replace(
         simulate_once(
             program,
@@ -281,8 +294,8 @@ def twin_perturbations(twin: Twin, rig: Rig) -> Any:  # noqa: ANN401  sim_models
         nominal_perturbations(1, len(rig.joints)),
         friction=one * twin.friction_scale,
         mass=one * twin.mass_scale,
-        torque=np.full((1, len(rig.joints)), twin.torque_scale),
-        voltage=one * ((twin.supply_v or rig.supply_v) / rig.supply_v),
+        torque=np.array([[twin.joint(joint.name).torque_scale for joint in rig.joints]]),
+        voltage=one * (twin.open_circuit_v(rig.supply_v) / rig.supply_v),
         latency_s=one * twin.command_latency_s,
         pose_noise_m=one * twin.position_noise_m,
         angle_noise_rad=one * twin.angle_noise_rad,

@@ -85,6 +85,18 @@ def test_faults_are_one_sentence_and_status_2(capsys, hopper, arguments, fault, 
     assert fault in told and told.count("\n") == 1
 
 
+def test_what_of_a_twin_a_simulation_leaves_out_is_said(capsys, hopper, tmp_path):
+    path = tmp_path / "askew.toml"
+    own = '[[joint]]\nname = "a1"\nencoder_bias_rad = 0.1\ntorque_scale = 0.5\n'
+    path.write_text(f'format = 1\n[twin]\nname = "askew"\nsupply_ohm = 0.1\n{own}')
+    assert main(["simulate", hopper, "--seconds", "0.1", "--twin", str(path)]) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    assert "twin askew: encoder_bias_rad, supply_ohm act on the virtual rig only; left out here" in told
+    path.write_text('format = 1\n[twin]\nname = "askew"\n[[joint]]\nname = "a9"\n')
+    assert main(["simulate", hopper, "--seconds", "0.1", "--twin", str(path)]) == 2
+    assert "has no joint 'a9'" in capsys.readouterr().err
+
+
 def test_the_log_holds_the_text_of_a_shipped_twin(capsys, hopper, tmp_path):
     log = tmp_path / "sim.mcap"
     for command in ("simulate", "deploy"):

@@ -94,6 +94,15 @@ class Twin(JointTwin):
     sensor_latency_s: float = 0.0
     joints: tuple[tuple[str, JointTwin], ...] = ()
 
+    def changes(self, key: str) -> bool:
+        """Return whether a key has another value than in a twin that differs in nothing, for the rig or one joint.
+
+        Args:
+            key: name of a parameter
+        """
+        joints = [own for _, own in self.joints if key in JOINT_KEYS]
+        return any(getattr(each, key) != getattr(type(each)(), key) for each in (self, *joints))
+
     def open_circuit_v(self, rated_v: float) -> float:
         """Return the supply voltage without load [V].
 
