@@ -30,6 +30,7 @@ from deploy.sensor_reader import SensorReader
 from deploy.servo_backup import ServoBackup, load_backup, save_backup
 from deploy.servo_bus import BusError, ServoBus
 from deploy.servo_findings import setting_findings
+from deploy.usb_latency import shorten_timer, slow_timer
 from servolve.rig_bus import PATIENCE_S, rig_bus
 from servolve.rig_consent import agreed, backup_path, restore_command
 
@@ -106,6 +107,8 @@ def check(
     with rig_bus(about, port, "a check", PATIENCE_S) as bus:
         survey = _survey(bus, about, sensor_port)
         _show(console, about, port, survey)
+        if fix:
+            _shorten(console, port, yes)
         if fix or restore:
             held = _held(bus, about, survey, saved, None if restore else survey.fixes)
             fixes = _putting_back(saved, held) if restore else survey.fixes
@@ -166,6 +169,17 @@ def _listen(rig: Rig, sensor_port: str) -> list[Finding]:
             time.sleep(_POLL_S)
         reader.feed(port.read_available(), time.monotonic())
     return check_sensors(rig, reader, frozenset(range(len(rig.sensors))), time.monotonic())
+
+
+def _shorten(console: Console, port: str, yes: bool) -> None:
+    """Let a USB adapter hand replies over sooner, with consent."""
+    timer = slow_timer(port)
+    if timer is None:
+        return
+    question = f"Set the USB adapter's latency timer to 1 ms, from {timer.read_text().strip()}? \\[y/N] "
+    if yes or console.input(question).strip().lower() in ("y", "yes"):
+        shorten_timer(timer)
+        console.print("latency timer: 1 ms until the adapter is unplugged", highlight=False)
 
 
 def _held(

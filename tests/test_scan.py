@@ -1,9 +1,14 @@
 """Scanning finds what is on a line, and says what it is not sure of."""
 
+import json
+import time
+
 import pytest
+from served_rig import serve
 
 from controller import load_rig
 from controller.errors import InputError
+from deploy.dynamixel_bus import DynamixelBus
 from deploy.lockstep_port import LockstepPort
 from deploy.pings import broadcast_ping, ping_each
 from deploy.port import SerialPort
@@ -12,9 +17,11 @@ from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.pty_line import PtyLine
 from deploy.virtual.rig import VirtualRig
+from servolve.cli import main
 
 X330 = load_rig("lamp-xc330")
 IDS = [joint.id for joint in X330.joints]
+PATIENCE_S = 60.0  # the machine may be busy
 
 
 def found_on(rig, steps, ids=(), refused=()):
@@ -193,3 +200,61 @@ def test_two_servos_with_one_id_are_told(name):
     virtual = VirtualRig(rig, faults=[parse_fault("duplicate-id=2")])
     found = found_on(virtual, [step], ids=range(8))[0].found
     assert [(servo.id, servo.shared) for servo in found] == [(1, False), (2, True)]
+
+
+def test_a_servo_at_another_bit_rate_is_found_there():
+    virtual = VirtualRig(X330)
+    with LockstepBench(virtual) as bench:
+        bus = DynamixelBus(LockstepPort(bench, 1_000_000))
+        assert bus.write(2, 8, bytes([1])).status == "data"
+        bus.close()
+        steps = [
+            step for step in scan(lambda baud: LockstepPort(bench, baud), scan_steps(("dynamixel-2.0",))) if step.found
+        ]
+    assert [(step.baud, [servo.id for servo in step.found]) for step in steps] == [(1_000_000, [1, 3]), (57_600, [2])]
+
+
+def test_a_model_without_a_table_is_told_by_its_number(line):
+    found = [step.found for step in scan(lambda _: line(lambda _: [(0.01, STATUS_2)]), [("dynamixel-2.0", 57_600)])][1]
+    assert [(servo.id, servo.model, servo.products, servo.values) for servo in found] == [(1, 0x0406, (), {})]
+
+
+# the command
+
+
+def test_the_command_finds_a_rig_and_says_which_it_is(tmp_path, capfd):
+    process = serve(tmp_path, "lamp-xc330")
+    try:
+        until = time.monotonic() + PATIENCE_S
+        for port in (process.bus, process.tcp):
+            told = {"servos": []}
+            while len(told["servos"]) < 3 and time.monotonic() < until:
+                main(["rig", "scan", str(port), "--protocol", "dynamixel-2.0", "--ids", "1-3", "--json"])
+                told = json.loads(capfd.readouterr().out)
+            assert [(servo["id"], servo["products"], servo["shared_id"]) for servo in told["servos"]] == [
+                (servo, ["xc330-m181"], False) for servo in IDS
+            ]
+            assert told["rigs"] == ["lamp-xc330"]
+            assert f"servolve rig check lamp-xc330 --port {port}" in told["notes"][-1]
+    finally:
+        process.kill()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["/dev/null", "--ids", "1-300"], "--ids 1-300: '1-300' is no number from 0 to 253; write it as 1-8,20"),
+        (["/dev/null", "--ids", "x"], "'x' is no number from 0 to 253"),
+        (["/dev/null", "--ids", "3-1"], "'3-1' is no number"),
+        (["/dev/null", "--bauds", "1000-2000"], "'1000-2000' is no number from 1"),
+        (["/dev/null", "--bauds", ""], "'' is no number"),
+        (["socket://localhost:1", "--bauds", "57600"], "a socket has no bit rate"),
+        (["/no/such/port"], "cannot be opened"),
+        (["/dev/null", "--protocol", "dynamixel"], "Invalid value"),
+    ],
+)
+def test_wrong_arguments_are_one_sentence(arguments, expected, capfd):
+    assert main(["rig", "scan", *arguments]) == 2
+    error = capfd.readouterr().err
+    assert expected in error
+    assert error.count("\n") == 1
