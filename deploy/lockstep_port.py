@@ -47,6 +47,11 @@ class LockstepPort(SerialPort):
             self._bench.pump(deadline if event is None else min(event, deadline))
         return True
 
+    def reopen(self) -> bool:
+        """Open the port anew after it was lost, under the name that it has now; return whether it is back."""
+        self.port_name = self._bench.bus_path
+        return super().reopen()
+
     def writePort(self, packet: list[int] | bytes) -> int:
         """Send a packet to the rig; return how many bytes went out."""
         sent = super().writePort(packet)

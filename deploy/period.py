@@ -22,6 +22,7 @@ from deploy.run_record import RunRecord
 from deploy.safety import (
     Watch,
     judge_alert,
+    judge_encoders,
     judge_hardware_error,
     judge_health,
     judge_replies,
@@ -217,6 +218,7 @@ class Periods:
         return (
             judge_replies(rig, watch, replies)
             or self._alerts(replies)
+            or judge_encoders(rig, watch, self.clock.now(), replies, io.angles_rad())
             or judge_sensors(rig, watch, self.needed, ages)
             or self._tracking()
             or self._tilt(ages)

@@ -123,6 +123,7 @@ class SerialPort(PortHandler):
         self.label = path
         self.tap: Tap | None = None
         self.sent = b""
+        self.strays = 0
         self.latency_s = _latency_s(path)
         self.byte_s = BITS_PER_BYTE / baud
         self._serial: Any = None
@@ -276,6 +277,7 @@ class SerialPort(PortHandler):
         while self.waiting():
             self._take()
         count = len(self._buffer)
+        self.strays += count
         self.end_transaction("stray")
         self._buffer.clear()
         return count

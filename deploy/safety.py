@@ -20,6 +20,13 @@ from deploy.servo_bus import Reply
 PERSISTENT: Final = 3
 """A heat, voltage or tilt reading must come this often in a row before it counts."""
 
+_LATE_REMEDY: Final = "set the adapter's latency timer to 1 ms, or look for what else holds bytes back"
+
+_JUMP_RAD: Final = 0.2
+_JUMP_SPEED: Final = 1.2
+"""How far an encoder may be from its last reading, beside what the servo does at so many times its no-load speed:
+estimates."""
+
 _SPEED_SHARE: Final = 0.2
 """Below this part of the speed asked for a joint counts as blocked, unless it is asked for less than this part of its
 fastest: an estimate."""
@@ -35,6 +42,8 @@ class Watch:
         missed: servo id => periods in a row without a valid reply
         stale: sensor => periods in a row with an old value
         alerted: servo id => replies in a row that reported a hardware error
+        believed: joint => when and where it was last seen that it can have been [s, rad]
+        jumped: joint => angles in a row that it can not have
         off_track_since: joint => since when it has not done what its goals say [s]
         hot: servo id => readings in a row above the limit
         low: servo id => readings in a row below the limit
@@ -45,6 +54,8 @@ class Watch:
     missed: dict[int, int] = field(default_factory=dict)
     stale: dict[str, int] = field(default_factory=dict)
     alerted: dict[int, int] = field(default_factory=dict)
+    believed: dict[str, tuple[float, float]] = field(default_factory=dict)
+    jumped: dict[str, int] = field(default_factory=dict)
     off_track_since: dict[str, float] = field(default_factory=dict)
     hot: dict[int, int] = field(default_factory=dict)
     low: dict[int, int] = field(default_factory=dict)
@@ -84,12 +95,16 @@ def judge_replies(rig: Rig, watch: Watch, replies: Mapping[int, Reply]) -> str |
         answered = replies[joint.id].status == "data"
         watch.missed[joint.id] = 0 if answered else watch.missed.get(joint.id, 0) + 1
     if len(rig.joints) > 1 and min(watch.missed.values()) > rig.safety.missed_cycles_max:
+        if any(reply.late for reply in replies.values()):
+            return f"every servo has answered too late for {min(watch.missed.values())} periods; {_LATE_REMEDY}"
         return (
             f"no servo has answered for {min(watch.missed.values())} periods; check the bus cable and the power supply"
         )
     for joint in rig.joints:
         reply = replies[joint.id]
         if watch.missed[joint.id] > rig.safety.missed_cycles_max:
+            if reply.late:
+                return f"{_named(joint)} has answered too late for {watch.missed[joint.id]} periods; {_LATE_REMEDY}"
             said = {
                 "missing": "gave no reply",
                 "corrupt": "gave only corrupt replies",
@@ -169,6 +184,37 @@ def judge_sensors(rig: Rig, watch: Watch, needed: frozenset[int], ages_s: Sequen
             return (
                 f"sensor {sensor.name} (lines ${sensor.message}) has given nothing new for {ages_s[number]:.2f} s, "
                 f"{sensor.age_s_max:g} s are allowed; check the sensor node and its cable"
+            )
+    return None
+
+
+def judge_encoders(
+    rig: Rig, watch: Watch, now: float, replies: Mapping[int, Reply], angles_rad: Sequence[float]
+) -> str | None:
+    """Stop when an angle has jumped farther than its servo can turn: the encoder has wrapped around or lost its count.
+
+    Args:
+        rig: the rig
+        watch: counts
+        now: time [s]
+        replies: servo id => its reply of this period
+        angles_rad: angles, (njoint,)
+    """
+    for joint, angle in zip(rig.joints, angles_rad, strict=True):
+        if joint.mode != "position" or replies[joint.id].status != "data":
+            continue
+        since, before = watch.believed.setdefault(joint.name, (now, angle))
+        reach = _JUMP_RAD + _JUMP_SPEED * joint.product.no_load_speed_rad_s * (now - since)
+        if abs(angle - before) <= reach:
+            watch.believed[joint.name] = (now, angle)
+            watch.jumped[joint.name] = 0
+            continue
+        watch.jumped[joint.name] = watch.jumped.get(joint.name, 0) + 1
+        # a sum of bytes does not always tell that a packet is damaged, a CRC does
+        if watch.jumped[joint.name] > (0 if joint.family.protocol == "dynamixel-2.0" else 1):
+            return (
+                f"{_named(joint)} has jumped by {abs(angle - before):.2f} rad in {now - since:.2f} s, which no servo "
+                "can: its encoder has wrapped around or lost its count; switch it off and on, then check zero_tick"
             )
     return None
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 LATE_S_MAX: Final = 0.25
 """A reply that has not come by then will not come: longer than any adapter holds bytes back. An estimate."""
 
-_EXTRA_MAX: Final = 3
+_EXTRA_MAX: Final = 7
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,7 @@ class Reply:
         t: when the reply had been read, or was given up [s]
         alert: whether the servo reports that something is wrong with it, rather than with the question
         refusal: what the servo says of the question, "" if nothing
+        late: whether it is missing, but something came that answers an earlier question
     """
 
     id: int
@@ -55,6 +56,7 @@ class Reply:
     t: float
     alert: bool = False
     refusal: str = ""
+    late: bool = False
 
 
 class BusError(RunError):
@@ -110,6 +112,7 @@ class ServoBus(ABC):
         self.return_delay_s = return_delay_s
         self._late: dict[tuple[int, int], float] = {}
         self._silent: set[int] = set()
+        self._strays = 0
 
     def close(self) -> None:
         """Close the port."""
@@ -290,6 +293,7 @@ class ServoBus(ABC):
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         self.port.is_using = False
+        self._strays = self.port.strays
         try:
             yield
         finally:
@@ -316,11 +320,12 @@ class ServoBus(ABC):
         nbyte = self.status_bytes + length + self.stuffing_bytes
         port.expect(len(servos) * nbyte, len(servos), self.return_delay_s)
         replies: dict[int, Reply] = {}
-        corrupt = False
+        corrupt, late = False, port.strays > self._strays
         while len(replies) < len(servos):
             result, packet = self._next_packet()
             if result == "packet":
                 reply = self._parse(packet, length, port.now())
+                late = late or reply is None
                 if reply and reply.id in servos and reply.id not in replies:
                     replies[reply.id] = reply
                     if reply.id == servos[-1]:
@@ -333,7 +338,8 @@ class ServoBus(ABC):
         port.drop_read()
         for servo in servos:
             if servo not in replies:
-                replies[servo] = Reply(servo, "corrupt" if corrupt else "missing", b"", 0, port.now())
+                status: Literal["corrupt", "missing"] = "corrupt" if corrupt else "missing"
+                replies[servo] = Reply(servo, status, b"", 0, port.now(), late=late and not corrupt)
                 self._late[servo, length] = port.now() + LATE_S_MAX
         return replies
 

@@ -15,6 +15,7 @@ from deploy.servo_bus import BusError, ServoBus
 
 _RELEASE_S_MAX: Final = 1.0
 _RELEASE_PAUSE_S: Final = 0.05
+_PATIENCE_S: Final = 0.06
 _WATCHDOG_UNIT_S: Final = 0.02
 
 
@@ -104,8 +105,8 @@ def torque_on(bus: ServoBus, rig: Rig) -> None:
 def release(bus: ServoBus, rig: Rig, clock: Clock) -> list[Joint]:
     """Switch every servo's torque off and read it back; a servo that does not answer keeps none of the others waiting.
 
-    All are told at once, then each in turn; those that can not be read back are tried again for a second. A port that
-    is gone is opened again if it comes back meanwhile.
+    All are told at once, then each in turn; those that can not be read back are tried again for a second, with more
+    patience for late replies. A port that is gone is opened again if it comes back meanwhile.
 
     Args:
         bus: the bus
@@ -117,20 +118,25 @@ def release(bus: ServoBus, rig: Rig, clock: Clock) -> list[Joint]:
     """
     left = list(rig.joints)
     until = clock.now() + _RELEASE_S_MAX
+    usual_s = bus.port.latency_s
     told = False
-    while left:
-        try:
+    try:
+        while left:
+            try:
+                if not told:
+                    _tell_all(bus, rig)
+                    told = True
+                left = [joint for joint in left if not _switch_off(bus, joint)]
+            except PortLostError:
+                told = False
+            if not left or clock.now() >= until:
+                break
+            clock.sleep_until(clock.now() + _RELEASE_PAUSE_S)
+            bus.port.latency_s = max(usual_s, _PATIENCE_S)
             if not told:
-                _tell_all(bus, rig)
-                told = True
-            left = [joint for joint in left if not _switch_off(bus, joint)]
-        except PortLostError:
-            told = False
-        if not left or clock.now() >= until:
-            break
-        clock.sleep_until(clock.now() + _RELEASE_PAUSE_S)
-        if not told:
-            bus.port.reopen()
+                bus.port.reopen()
+    finally:
+        bus.port.latency_s = usual_s
     return left
 
 
