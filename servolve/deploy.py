@@ -76,7 +76,8 @@ def deploy(
         seconds: length of the run; left out: as long as a rollout of the controller's evolution, or 6 [s]
         derate: part of the rig's torque ceiling that is allowed; 0.5 is wise on a first run
         twin: twin file, which makes the virtual rig's physics differ from the simulation's
-        fault: what goes wrong on the virtual rig, as drop=0.01, corrupt=0.01 or dead=2@3.0; may be repeated
+        fault: what goes wrong on the virtual rig, as drop=0.01, corrupt=0.01 or dead=2@3.0, or a file of faults; may be
+            repeated
         seed: seed of the virtual rig's faults and noise
         log: MCAP file to record
         real_time: ask the operating system for real-time priority and locked memory
@@ -102,10 +103,11 @@ def deploy(
     with ExitStack() as stack:
         stop = stack.enter_context(StopRequest())
         record = stack.enter_context(RunLog(log or os.devnull, 0 if virtual else time.time_ns()))
-        meta = _meta(program, about, options, port, other, fault, seed)
+        faults = _faults(fault)
+        meta = _meta(program, about, options, port, other, faults, seed)
         record.write("/meta", 0.0, meta)
         if virtual:
-            link = stack.enter_context(_virtual(about, other, fault, seed, stop))
+            link = stack.enter_context(_virtual(about, other, faults, seed, stop))
         else:
             link = stack.enter_context(connect_ports(about, port, sensor_port, stop.reason))
         if real_time:
@@ -178,6 +180,15 @@ def _load_twin(twin: Path | None) -> Twin | None:
     from deploy.virtual.twin import load_twin
 
     return load_twin(twin)
+
+
+def _faults(specs: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the faults, with those of files."""
+    if not specs:
+        return ()
+    from deploy.virtual.faults import fault_specs
+
+    return fault_specs(specs)
 
 
 @contextmanager

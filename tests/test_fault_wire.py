@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rig_bench import Bench
 from wire import LAMP, PATIENCE_S, Wire
 
 from controller.errors import InputError
@@ -116,6 +117,14 @@ def test_an_unplugged_adapter_carries_nothing_and_the_servos_go_on():
     assert not wire.rig.unplugged
     assert wire.read(1, "torque_enable") == 1
     assert wire.read(1, "goal_position") == goal - 100, "what was sent meanwhile was not heard"
+
+
+@pytest.mark.parametrize("fault", ["unplug@2", "unplug@2-2.05"])
+def test_an_unplugged_adapter_ends_a_run_in_lock_step(tmp_path, fault):
+    bench = Bench(tmp_path, fault)
+    outcome = bench.run(seconds=3.0)
+    assert outcome.faulty
+    assert "the port is gone" in outcome.reason
 
 
 @pytest.mark.parametrize("name", FAMILIES)

@@ -159,22 +159,39 @@ def read_faults(specs: Sequence[str]) -> tuple[Fault, ...]:
     Raises:
         InputError: one is wrong
     """
-    faults: list[Fault] = []
+    return tuple(parse_fault(spec) for spec in fault_specs(specs))
+
+
+def fault_specs(specs: Sequence[str]) -> tuple[str, ...]:
+    """Put faults where files of them are named.
+
+    Args:
+        specs: each a fault, or the path of a file that ends in .toml
+
+    Returns:
+        each a fault
+
+    Raises:
+        InputError: a file can not be read, or something in it is wrong
+    """
+    told: list[str] = []
     for spec in specs:
-        if not spec.endswith(".toml"):
-            faults.append(parse_fault(spec))
-            continue
-        top = read_toml(Path(spec), "fault file")
-        top.refuse_unknown(("format", "faults"))
-        listed = top.values.get("faults")
-        if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
-            top.fail("faults", 'faults is not a list of texts; write faults = ["drop=0.01", "dead=2@3.0"]')
-        for each in listed:
-            try:
-                faults.append(parse_fault(each))
-            except InputError as error:
-                top.fail("faults", str(error))
-    return tuple(faults)
+        told += _listed(Path(spec)) if spec.endswith(".toml") else [spec]
+    return tuple(told)
+
+
+def _listed(path: Path) -> list[str]:
+    top = read_toml(path, "fault file")
+    top.refuse_unknown(("format", "faults"))
+    listed = top.values.get("faults")
+    if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
+        top.fail("faults", 'faults is not a list of texts; write faults = ["drop=0.01", "dead=2@3.0"]')
+    for each in listed:
+        try:
+            parse_fault(each)
+        except InputError as error:
+            top.fail("faults", str(error))
+    return listed
 
 
 def check_faults(faults: Sequence[Fault], rig: Rig) -> None:
