@@ -214,11 +214,11 @@ class AxServo:
         if not touched or address + len(data) > table.end:
             return ERROR_RANGE
         limits = {line.name: value for line, _, value in touched if line.name.endswith("_angle_limit")}
-        for line, _, value in touched:
-            error |= self._refused(line, value, locked, limits)
+        for line, taken, value in touched:
+            error |= self._refused(line, taken, value, locked, limits)
         return error
 
-    def _refused(self, line: Register, value: int, locked: bool, limits: Mapping[str, int]) -> int:
+    def _refused(self, line: Register, data: bytes, value: int, locked: bool, limits: Mapping[str, int]) -> int:
         if line.access == "r" or (line.eeprom and locked) or not line.low <= value <= line.high:
             return ERROR_RANGE
         if line.name == "lock" and value < self.table["lock"]:
@@ -226,8 +226,8 @@ class AxServo:
         low, high = (limits.get(name, self.table[name]) for name in ("cw_angle_limit", "ccw_angle_limit"))
         if low == 0 and high == 0:
             return 0
-        if line.name == "moving_speed" and value < 0:
-            return ERROR_RANGE
+        if line.name == "moving_speed" and int.from_bytes(data, line.byte_order) > _FULL:
+            return ERROR_RANGE  # which way to turn is for the goal to say
         return ERROR_ANGLE if line.name == "goal_position" and not low <= value <= high else 0
 
     # time
