@@ -190,7 +190,11 @@ class Machine(RuleBasedStateMachine):
     def write_what_is_read_only(self, index, number, value):
         items = [item for item in self.items if not item.writable]
         item = items[number % len(items)]
-        self.write(self.servos[index], item, item.decode(item.encode(value)))
+        servo = self.servos[index]
+        self.write(servo, item, item.decode(item.encode(value)))
+        told = self.answer(servo, READ, bytes([item.address, item.size]))
+        if told:
+            servo.memory.check(item.address, told[1])
 
     @rule(index=INDEX, kind=KIND, value=NUMBER)
     def write_a_goal(self, index, kind, value):

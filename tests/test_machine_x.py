@@ -1,5 +1,7 @@
 """A random master against virtual X servos, judged by the rules in `manual_x.py`."""
 
+import re
+
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
@@ -43,7 +45,7 @@ from manual_x import (
     two,
 )
 
-from controller.rig_file import load_rig
+from controller.rig_file import load_rig, parse_rig
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.rig import VirtualRig
 
@@ -73,7 +75,7 @@ class XMachine(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        rig = load_rig(self.rig_name)
+        rig = rig_of(self.rig_name)
         self.rig = VirtualRig(rig)
         self.baud = rig.bus.baud
         self.t = 0.0
@@ -272,6 +274,7 @@ class XMachine(RuleBasedStateMachine):
         if told or now == {0}:
             servo.registered = (item, value)
             servo.memory["registered_instruction"] = 1
+            self.read_item(servo, "registered_instruction")
         else:
             servo.registered = ("unknown",)
             servo.memory.forget("registered_instruction")
@@ -552,7 +555,16 @@ class XMachine(RuleBasedStateMachine):
         self.pause(0.2)
 
 
-@pytest.mark.parametrize("rig_name", ["lamp-xc330"])
+def rig_of(name):
+    """Return a rig that is shipped, or the heavy lamp on XM430 servos."""
+    if name != "xm430":
+        return load_rig(name)
+    rig = load_rig("lamp-xl430")
+    text = re.sub(r"supply_v = [0-9.]+", "supply_v = 12.0", rig.text).replace('"xl430-w250"', '"xm430-w350"')
+    return parse_rig(text, rig.path)
+
+
+@pytest.mark.parametrize("rig_name", ["lamp-xc330", "lamp-xl430", "xm430"])
 def test_servos_keep_the_manuals_rules(rig_name, machine_steps):
     machine = type("Machine", (XMachine,), {"rig_name": rig_name})
     run_state_machine_as_test(

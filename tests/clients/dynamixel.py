@@ -147,12 +147,23 @@ def register_and_act():
     return [registered, before, after]
 
 
+def at_rest(servo):
+    """Wait until a limp joint hangs still; return where."""
+    last = None
+    for _ in range(100):
+        last, before = read(servo, POSITION, WIDTH), last
+        if last == before:
+            break
+        time.sleep(0.3)
+    return last
+
+
 def calibrate():
     """Put a joint's middle where it is, as LeRobot does: extended position, offset from the half turn, then limits."""
     servo = IDS[0]
     write(servo, TORQUE, 0)
     seen = [write(servo, 11, 4), write(servo, 20, 0, 4), write(servo, 48, 4095, 4), write(servo, 52, 0, 4)]
-    here = read(servo, POSITION, 4)
+    here = at_rest(servo)
     seen.append(write(servo, 20, (2047 - here) & 0xFFFFFFFF, 4))
     middle = read(servo, POSITION, 4)
     seen += [write(servo, 52, 1000, 4), write(servo, 48, 3000, 4)]

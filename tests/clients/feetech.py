@@ -1,6 +1,7 @@
 """Drive an STS or SCS line through scservo_sdk, of either package: PORT, BAUD, `sts` or `scs`, id id ..."""
 
 import sys
+import time
 
 import patience
 import scservo_sdk as sdk
@@ -166,10 +167,22 @@ def rehome():
     servo = IDS[0]
     write(servo, LOCK, 0)
     write(servo, TORQUE, 0)
+    at_rest(servo)
     before = read(servo, OFFSET, 2)
     write(servo, TORQUE, 128)
     middle = until(lambda: read(servo, POSITION, 2), lambda held: abs(held - 2048) < 20, 5.0)
     return [before, middle, read(servo, OFFSET, 2)]
+
+
+def at_rest(servo):
+    """Wait until a limp joint hangs still; return where."""
+    last = None
+    for _ in range(100):
+        last, before = read(servo, POSITION, 2), last
+        if last == before:
+            break
+        time.sleep(0.3)
+    return last
 
 
 def calibrate():
@@ -177,7 +190,7 @@ def calibrate():
     servo = IDS[1]
     seen = [write(servo, TORQUE, 0), write(servo, LOCK, 0), write(servo, OFFSET, 0, 2)]
     seen += [write(servo, 9, 0, 2), write(servo, 11, 4095, 2)]
-    here = read(servo, POSITION, 2)
+    here = at_rest(servo)
     offset = here - 2047
     seen.append(write(servo, OFFSET, offset if offset >= 0 else -offset | 1 << 11, 2))
     middle = read(servo, POSITION, 2)
