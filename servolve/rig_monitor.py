@@ -192,9 +192,8 @@ def _load(servo: ServoView) -> str:
     if value is None:
         return "-"
     value *= servo.joint.sign
-    return (
-        f"{value:+.2f} A" if registers(servo.joint.product)[servo.family.load].unit == "A" else f"{100 * value:+.0f} %"
-    )
+    amperes = registers(servo.joint.product)[servo.family.load].unit == "A"
+    return f"{_shown(value, '{:+.2f}')} A" if amperes else f"{_shown(100.0 * value, '{:+.0f}')} %"
 
 
 def _temperature(rig: Rig, servo: ServoView) -> Text:
