@@ -30,6 +30,7 @@ ALL = ("xl330-m288", "xc330-m181", "xl430-w250", "xm430-w350")
 MEASURES_CURRENT = ("xl330-m288", "xc330-m181", "xm430-w350")
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
 REVERSE, TIME_BASED, TORQUE_ON_BY_GOAL = 1, 4, 8
+CLEAR = bytes.fromhex("01 44584C22")
 TICKS_S = 0.229 * 4096 / 60  # a velocity count
 
 
@@ -304,6 +305,23 @@ def test_extended_position_mode_counts_turns(wheel):
     before = wheel["present_position"]
     wheel(operating_mode=POSITION)
     assert wheel["present_position"] == before % 4096, "position mode begins within one turn"
+
+
+def test_clear_forgets_turns_and_nothing_moves(wheel):
+    wheel(operating_mode=EXTENDED)
+    wheel(torque_enable=1, goal_position=9_000)
+    wheel.wait(0.1)
+    assert wheel.ask(wheel.servo, dxl.CLEAR, CLEAR)[0][1] == dxl.RESULT_FAIL, "it turns"
+    wheel.wait(6.0)
+    before, angle = wheel["present_position"], wheel.rig.truth().joint_rad[0]
+    assert wheel.ask(wheel.servo, dxl.CLEAR, CLEAR) == [(wheel.servo, 0, b"")]
+    assert wheel["present_position"] == before % 4096 == before - 2 * 4096
+    assert wheel["goal_position"] == 9_000 - 2 * 4096
+    wheel.wait(0.5)
+    assert wheel.rig.truth().joint_rad[0] == pytest.approx(angle, abs=1e-3)
+    wheel(goal_position=9_000 - 4096)
+    wheel.wait(4.0)
+    assert abs(wheel.rig.truth().joint_rad[0] - angle) == pytest.approx(2 * 3.14159, rel=0.01)
 
 
 def test_reverse_mode_turns_the_other_way(wheel):

@@ -338,10 +338,6 @@ class XServo:
         self.motion.settle()
         self.motion.drive()
 
-    def supply_changed(self) -> None:
-        """Drive the shaft with the supply as it is now."""
-        self.motion.drive()
-
     # inside
 
     def _read_addresses(self) -> None:
