@@ -80,28 +80,35 @@ def ping_each(port: SerialPort, ids: Sequence[int]) -> Answers:
         ids: whom to ask
     """
     line_s = 2 * _STATUS_1_BYTES * port.byte_s + _RETURN_DELAY_S_MAX
-    models: dict[int, int] = {}
+    heard: list[bytes] = []
+    questions = []
     garbled = False
     pending = b""
     port.clearPort()
     for number, servo in enumerate(ids):
         body = bytes((servo, 2, _PING))
-        port.writePort(b"\xff\xff" + body + bytes((~sum(body) & 0xFF,)))
+        question = b"\xff\xff" + body + bytes((~sum(body) & 0xFF,))
+        questions.append(question)
+        port.writePort(question)
         patience_s = port.latency_s if number == len(ids) - 1 else min(port.latency_s, _PATIENCE_S)
         until = port.now() + line_s + patience_s
         while port.wait(until):
             pending += port.readPort(port.getBytesAvailable())
             pending, found, bad = _statuses_1(pending)
-            models.update(dict.fromkeys(found, 0))
+            heard += found
             garbled |= bad
-            if servo in models and not pending:
+            if not pending and any(packet[2] == servo and packet != question for packet in found):
                 break
     port.end_transaction()
-    return Answers(models, garbled or bool(pending))
+    if len(questions) > 1 and all(question in heard for question in questions):
+        # the adapter echoes; a servo whose voltage is wrong answers with the very bytes of the question, once more
+        for question in questions:
+            heard.remove(question)
+    return Answers({packet[2]: 0 for packet in heard}, garbled or bool(pending))
 
 
-def _statuses_1(data: bytes) -> tuple[bytes, list[int], bool]:
-    """Return what may be the start of a packet, whose packets were whole, and whether there was anything else."""
+def _statuses_1(data: bytes) -> tuple[bytes, list[bytes], bool]:
+    """Return what may be the start of a packet, the whole packets, and whether there was anything else."""
     found = []
     bad = False
     while data:
@@ -111,7 +118,7 @@ def _statuses_1(data: bytes) -> tuple[bytes, list[int], bool]:
         elif len(packet) < _STATUS_1_BYTES:
             break
         elif packet[3] == 2 and (sum(packet[2:]) & 0xFF) == 0xFF:
-            found.append(packet[2])
+            found.append(packet)
             data = data[_STATUS_1_BYTES:]
         else:
             data, bad = data[1:], True

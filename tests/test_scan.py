@@ -181,6 +181,25 @@ def test_an_echo_is_no_answer(line):
     assert (answers.models, answers.garbled) == ({1: 0x0406}, False)
 
 
+def test_an_echo_is_no_servo_and_hides_none(line):
+    port = line(lambda frame: [(0.0, frame), *([(1e-3, STATUS_1)] if frame == PING_1 else [])])
+    answers = ping_each(port, range(5))
+    assert (answers.models, answers.garbled) == ({1: 0}, False)
+    # a servo with the wrong voltage answers with the bytes of the question
+    port = line(lambda frame: [(0.0, frame), *([(1e-3, PING_1)] if frame == PING_1 else [])])
+    assert ping_each(port, range(5)).models == {1: 0}
+    port = line(lambda frame: [(1e-3, PING_1)] if frame == PING_1 else [])
+    assert ping_each(port, range(5)).models == {1: 0}
+
+
+@pytest.mark.parametrize("name", ["lamp-xc330", "lamp-sts3215"])
+def test_servos_behind_an_adapter_that_echoes_are_found(name):
+    rig = load_rig(name)
+    asked = [("dynamixel-2.0", rig.bus.baud), ("protocol-1", rig.bus.baud), ("protocol-1", 115_200)]
+    steps = found_on(VirtualRig(rig, echo=True), asked)
+    assert [servo.id for step in steps for servo in step.found] == IDS
+
+
 @pytest.mark.parametrize(
     ("name", "protocol", "products"),
     [
