@@ -36,10 +36,10 @@ def bench_bus(told: Callable[[str], None], *, seconds: float, turns: int) -> dic
     """
     loops = [name for name in LOOPS_COMPARED if name != "rustypot" or find_spec("rustypot")]
     runs: dict[str, list[dict[str, Any]]] = {name: [] for name in loops}
-    with served() as port:
-        for turn in range(turns):
-            for name in loops:
-                told(f"{name}, turn {turn + 1}")
+    for turn in range(turns):
+        for name in loops:
+            told(f"{name}, turn {turn + 1}")
+            with served() as port:  # afresh: without torque the body sinks, and may come to rest beyond its limits
                 runs[name].append(run_loop(name, port, seconds))
     middle = {
         name: {key: statistics.median(run[key] for run in found) for key in found[0]} for name, found in runs.items()

@@ -63,6 +63,7 @@ def ours(port: str, seconds: float) -> dict[str, Any]:
     from deploy.connection import connect_ports
     from deploy.host_loop import RunOptions, run_controller
     from deploy.log import RunLog, read_log
+    from deploy.log_topics import FORMAT
     from deploy.states import State
 
     rig = load_rig(RIG_FILE)
@@ -72,6 +73,7 @@ def ours(port: str, seconds: float) -> dict[str, Any]:
         path = Path(folder) / "run.mcap"
         with ExitStack() as stack:
             record = stack.enter_context(RunLog(path, time.time_ns()))
+            record.write("/meta", 0.0, {"format": FORMAT})
             link = stack.enter_context(connect_ports(rig, port, None, lambda: None))
             outcome = run_controller(
                 link,
