@@ -66,8 +66,9 @@ class XMotion:
         self._t_s = 0.0
         self._done = True
         self._fed = False
-        self._measures_current = "present_current" in table.lines
-        self._measures_load = "present_load" in table.lines
+        # an XL430 has a load instead
+        current = table.lines.get("present_current")
+        self._current_unit_a = current.scale if current else 0.0
         self.start()
 
     def start(self) -> None:
@@ -132,29 +133,30 @@ class XMotion:
             self._finish()
         self._follow(sample)
 
+    def measure_state(self) -> None:
+        """Bring load, velocity and position up to date: what a master reads in every cycle."""
+        table, shaft, way = self._table, self._shaft, self._way()
+        table["present_position"] = self.position()
+        table["present_velocity"] = self.velocity()
+        if self._current_unit_a:
+            table["present_current"] = round(way * shaft.current() / self._current_unit_a)
+        else:
+            table["present_load"] = round(way * 1000.0 * shaft.duty())
+
     def measure(self) -> None:
-        """Bring the registers that tell of the motion up to date."""
-        table, shaft, product, mode = self._table, self._shaft, self._product, self.mode
-        way, offset = self._way(), self._offset()
-        sample = self._plan.at(self._t_s)
-        position = round(self._raw()) - self._turned + offset
-        velocity = self.velocity()
-        duty = way * shaft.duty()
-        table["present_position"] = position
-        table["present_velocity"] = velocity
-        table["present_pwm"] = round(duty * product.duty_full)
-        if self._measures_current:
-            table["present_current"] = round(way * shaft.current() / table.lines["present_current"].scale)
-        if self._measures_load:
-            table["present_load"] = round(1000.0 * duty)
-        moving = not self._done
-        table["moving"] = int(moving or abs(velocity) > table["moving_threshold"])
-        counts = 1.0 if mode == VELOCITY else self._tick_rad / product.velocity_unit_rad_s
+        """Bring all registers that tell of the motion up to date."""
+        self.measure_state()
+        table, mode = self._table, self.mode
+        sample, moving = self._plan.at(self._t_s), not self._done
+        position = table["present_position"]
+        table["present_pwm"] = round(self._way() * self._shaft.duty() * self._product.duty_full)
+        table["moving"] = int(moving or abs(table["present_velocity"]) > table["moving_threshold"])
+        counts = 1.0 if mode == VELOCITY else self._tick_rad / self._product.velocity_unit_rad_s
         table["velocity_trajectory"] = round(sample.velocity * counts)
         status = moving << 1 | self._plan.kind << 4
         reckoned = position
         if mode in POSITION_MODES:
-            reckoned = round(sample.position) - self._turned + offset
+            reckoned = round(sample.position) - self._turned + self._offset()
             near = abs(position - table["goal_position"]) <= IN_POSITION_TICKS
             lost = table["torque_enable"] and abs(position - reckoned) > FOLLOWING_ERROR_TICKS
             status |= int(near and not moving) | bool(lost) << 3

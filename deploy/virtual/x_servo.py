@@ -40,6 +40,7 @@ _PROTOCOL: Final = 2
 _TORQUE_ON_BY_GOAL: Final = 8
 _ADDRESSES: Final = frozenset({"id", "secondary_id", "baud_rate", "return_delay_time", "protocol_type"})
 _PRESENT_LOW, _PRESENT_HIGH = 120, 147  # registers that the servo measures
+_STATE_LOW, _STATE_HIGH = 126, 136  # of these: load, velocity, position
 _TICK_PERIOD: Final = 32768
 
 
@@ -192,7 +193,9 @@ class XServo:
             now_ns: time [ns]
         """
         end = address + length
-        if (address < _PRESENT_HIGH and end > _PRESENT_LOW) or end > self._indirect_low:
+        if address >= _STATE_LOW and end <= _STATE_HIGH:
+            self.motion.measure_state()
+        elif (address < _PRESENT_HIGH and end > _PRESENT_LOW) or end > self._indirect_low:
             self._measure(now_ns)
         return self.table.read(address, length)
 
