@@ -189,19 +189,26 @@ def test_a_jumper_that_shakes_is_told_from_one_that_stands():
 
 
 def test_a_buildable_jumpers_fitness_counts_the_way_made_by_hopping():
+    there, away, beside = 0.0, 0.9, 0.05
     rollouts = statistics(
-        final_error=[0, 0.3, 0.15, 0, 0.9, 0.3],
-        end_speed=[0, 0, 0.5, 0, 0, 0],
-        path=[0.4, 0, 0.2, 0.4, 0.6, 0.2],
-        ground_path=[0.1, 0, 0.15, 0.4, 0.1, 0.02],
+        final_error=[there, 0.3, beside, there, away, 0.3],
+        end_speed=[0, 0, 0.1, 0, 0, 0],
         arrive_step=[100, -1, -1, 200, -1, -1],
         hops=[3, 0, 1, 0, 9, 5],
+        max_clearance=[0.02, 0, 0.012, 0, 0.02, 0.02],
         upright_end=[1, 1, 0, 1, 1, 1],
     )
     main, style = jumper.fitness(rollouts, np.full(6, 0.3))
-    half = 1 - 0.5 * (0.2 + 0.8 * 0.5) + 0.3 + 0.1
-    assert main == pytest.approx([0, 1, half, 0.8, 1, 1]), "hopping on the spot, or away, earns nothing"
-    assert style == pytest.approx([0.01, 0.1, 0.1, 0.02, 0.1, 0.1])
+    far = math.exp(-0.3 / 0.05)
+    hopping = 0.3 + 0.7 / 2
+    got = 0.7 * 5 / 6 + 0.3 / math.e
+    once = 1 - got * hopping - 0.05 * got * (1 - hopping) + 0.3 + 0.01
+    assert main == pytest.approx([0, 1 - 0.05 * 0.3 * far, once, 0.95, 1, 1 - 0.3 * far], abs=1e-6), (
+        "hopping on the spot, or away, earns nothing"
+    )
+    unrest = 0.2 + 0.15 + 0.2 * (1 - 1 / math.e)
+    stayed = 0.7 - 0.3 * far * (0.7 - 0.2 - 0.2 * (1 - far))
+    assert style == pytest.approx([0.02, 0.7, 0.3 + 0.7 - got * hopping * (0.7 - unrest), 0.7, 0.7, stayed], abs=1e-6)
 
 
 def test_its_defaults_are_emots_on_the_papers_body():
