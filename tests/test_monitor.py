@@ -1,6 +1,13 @@
 """Monitoring reads what the rig is and does, counts what it misses, and writes nothing."""
 
 import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
 from itertools import islice
 
 import pytest
@@ -18,6 +25,7 @@ from servolve.cli import main
 
 X330 = load_rig("lamp-xc330")
 PERIOD_S = 0.02
+PATIENCE_S = 60.0
 READS = (0x01, 0x02, 0x82, 0x92)  # ping, read, sync read, bulk read: the same in all protocols
 RIGS = ("lamp-xc330", "lamp-xl430", "lamp-ax12", "lamp-sts3215")
 
@@ -81,13 +89,47 @@ def served(tmp_path_factory):
 
 
 def test_the_command_prints_lines_where_there_is_no_terminal(served):
-    monitor = servolve("rig", "monitor", "lamp-xc330", "--port", str(served.bus), "--seconds", "1", "--every", "0.2")
-    status, lines = monitor.end()
+    until = time.monotonic() + PATIENCE_S
+    status = 1
+    while status == 1 and time.monotonic() < until:  # a starved machine answers nobody for a while
+        monitor = servolve(
+            "rig", "monitor", "lamp-xc330", "--port", str(served.bus), "--seconds", "1", "--every", "0.2"
+        )
+        status, lines = monitor.end()
     assert status == 0
     lines = [line.split() for line in lines if " rad/s " in line]
     assert {line[1] for line in lines} == {"a0", "a1", "a2"}
     assert [line[2] for line in lines[:3]] == ["1", "2", "3"]
     assert all(abs(float(line[3])) < 0.1 for line in lines[-3:] if line[3] != "-")
+
+
+@pytest.mark.parametrize("end", ["q", "SIGINT"])
+def test_in_a_terminal_it_is_one_table_that_a_key_or_a_signal_ends(served, end):
+    master, slave = pty.openpty()
+    command = "import sys; from servolve.cli import main; sys.exit(main())"
+    arguments = ("rig", "monitor", "lamp-xc330", "--port", str(served.bus))
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "80"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", command, *arguments], stdin=slave, stdout=slave, stderr=slave, env=environment
+    )
+    os.close(slave)
+    shown = b""
+    try:
+        while b"q ends it" not in shown or b" 5.0 " not in shown:  # a voltage: somebody has answered
+            shown += os.read(master, 65536)
+        if end == "q":
+            os.write(master, b"q")
+        else:
+            process.send_signal(signal.SIGINT)
+        while b"replies missed" not in shown:
+            shown += os.read(master, 65536)
+        assert process.wait(PATIENCE_S) == 0
+    finally:
+        process.kill()
+        os.close(master)
+    lines = [re.sub(rb"\x1b\[[0-9;?]*[a-zA-Z]", b"", line).decode() for line in re.split(b"[\r\n]", shown)]
+    assert max(map(len, lines)) <= 80
+    assert any("a1" in line and "\u2502" in line for line in lines)
 
 
 def test_the_command_prints_json_lines(served, capfd):
