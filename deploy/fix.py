@@ -12,15 +12,13 @@ from contextlib import contextmanager, suppress
 from controller.errors import InputError, RunError
 from controller.families import Family, family_of
 from controller.products import PRODUCTS, Product
-from controller.registers import decode_register, encode_register, registers
+from controller.registers import encode_register, registers
 from controller.rig import Rig
 from deploy.finding import Fix
 from deploy.port import BITS_PER_BYTE, PortLostError
 from deploy.servo_backup import ServoBackup
 from deploy.servo_bus import BusError, ServoBus
-
-_ATTEMPTS = 3
-_CHUNK = 64
+from deploy.table_reader import read_table
 
 
 def find_baud(bus: ServoBus, rig: Rig, servo: int, product: Product) -> int | None:
@@ -61,27 +59,8 @@ def read_backup(bus: ServoBus, rig: Rig, servo: int, product: Product, baud: int
     Raises:
         BusError: it can not be read
     """
-    table = list(registers(product).values())
-    values: dict[str, int] = {}
     with _at_baud(bus, baud, rig.bus.baud):
-        while table:
-            first = table[0].address
-            block = [line for line in table if line.address + line.size - first <= _CHUNK]
-            size = block[-1].address + block[-1].size - first
-            for _ in range(_ATTEMPTS):
-                reply = bus.read(servo, first, size)
-                if reply.status == "data":
-                    break
-            else:
-                raise BusError(
-                    f"servo {servo} on {bus.port.label}: its registers can not be read; check cables and power and try "
-                    "again"
-                )
-            values |= {
-                line.name: decode_register(line, reply.data[line.address - first :][: line.size]) for line in block
-            }
-            del table[: len(block)]
-    return ServoBackup(servo, product.name, baud, values)
+        return ServoBackup(servo, product.name, baud, read_table(bus, servo, product))
 
 
 def restoring(backup: ServoBackup, now: Mapping[str, int]) -> list[Fix]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
 
 from controller.errors import InputError
-from controller.families import FAMILIES
+from controller.families import FAMILIES, family_of
 from controller.products import PRODUCTS, Product
 from controller.registers import decode_register, registers
 from deploy.pings import broadcast_ping, ping_each
 from deploy.port import SerialPort
-from deploy.servo_bus import ServoBus
+from deploy.servo_bus import BusError, ServoBus
+from deploy.table_reader import read_table
 
 Framing: TypeAlias = Literal["dynamixel-2.0", "protocol-1"]
 """What servos must share to be asked together: Dynamixel 1.0 and Feetech ask for an answer with the same packet."""
@@ -178,18 +179,22 @@ def _read(bus: ServoBus, found: Found, products: Sequence[Product]) -> Found:
     """Read what the servo is set to. Two servos that say different things at once are not understood."""
     if not products:
         return found
-    table = [line for line in registers(products[0]).values() if not line.name.startswith("indirect_")]
-    last = max(line.address + line.size for line in table)
-    replies = [bus.read(found.id, 0, last) for _ in range(_READS)]
-    data = next((reply.data for reply in replies if reply.status == "data"), None)
+    replies = [bus.read(found.id, *_spoken(products[0])) for _ in range(_READS)]
     lost = sum(reply.status == "corrupt" for reply in replies)
-    values = (
-        {}
-        if data is None
-        else {line.name: decode_register(line, data[line.address : line.address + line.size]) for line in table}
-    )
+    values: dict[str, int] = {}
+    if 2 * lost <= _READS:
+        with suppress(BusError):
+            values = read_table(bus, found.id, products[0])
     names = tuple(product.name for product in products)
     return Found(found.id, found.baud, found.protocol, found.model, names, 2 * lost > _READS, values)
+
+
+def _spoken(product: Product) -> tuple[int, int]:
+    """Return address and length of the block in which two servos of one kind hardly ever say the same."""
+    family, table = family_of(product), registers(product)
+    lines = [table[name] for name in (*family.state, family.voltage, family.temperature)]
+    first = min(line.address for line in lines)
+    return first, max(line.address + line.size for line in lines) - first
 
 
 def _fits(product: Product, servo: int, head: bytes) -> bool:
