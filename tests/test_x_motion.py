@@ -373,6 +373,7 @@ def test_the_manuals_watchdog_example(wheel):
     assert (wheel["bus_watchdog"], wheel["goal_velocity"], wheel["profile_acceleration"]) == (255, 0, 0)
     assert abs(wheel["present_velocity"]) <= 1
     assert wheel.error("goal_velocity", 150) == dxl.DATA_RANGE_ERROR
+    assert wheel.error("goal_velocity", 5000) == dxl.DATA_RANGE_ERROR, "beyond its limit or not"
     wheel(bus_watchdog=0)
     wheel(goal_velocity=150)
     wheel.wait(2.0)

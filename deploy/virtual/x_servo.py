@@ -354,6 +354,8 @@ class XServo:
 
     def _check(self, address: int, data: bytes) -> tuple[int, Sequence[tuple[Register, int]]]:
         error, changes = self.table.check(address, data)
+        if error == dxl.DATA_LIMIT_ERROR and self.table["bus_watchdog"] == WATCHDOG_TRIPPED:
+            error = dxl.DATA_RANGE_ERROR  # goals can not be written at all
         for line, value in changes:
             error = error or self._refusal(line, value)
         return error, changes
