@@ -309,9 +309,8 @@ class Periods:
 
     def _alerts(self, replies: Mapping[int, Reply]) -> str | None:
         for joint in self.rig.joints:
-            reply = replies[joint.id]
-            if judge_alert(self.watch, joint, reply):
-                fault = judge_hardware_error(joint, self._hardware_error(joint, reply), self._shutdown(joint))
+            if judge_alert(self.watch, joint, replies[joint.id]):
+                fault = judge_hardware_error(joint, self._hardware_error(joint), self._shutdown(joint))
                 if fault:
                     return fault
         return None
@@ -323,11 +322,15 @@ class Periods:
         except BusError:
             return None  # the sentence does without it
 
-    def _hardware_error(self, joint: Joint, reply: Reply) -> int:
-        if joint.family.protocol != "dynamixel-2.0":
-            return reply.error
+    def _hardware_error(self, joint: Joint) -> int:
+        """Ask again what is wrong with a servo that has reported something, for a byte may have been damaged."""
+        family, table = joint.family, registers(joint.product)
+        if family.hardware_error is None:
+            register = table[family.torque_enable]
+            reply = self.link.bus.read(joint.id, register.address, register.size)
+            return reply.error if reply.status == "data" else 0
         try:
-            return self.link.bus.read_register(joint.id, registers(joint.product)[str(joint.family.hardware_error)])
+            return self.link.bus.read_register(joint.id, table[family.hardware_error])
         except BusError:
             return 0  # the alert comes again with the next reply
 

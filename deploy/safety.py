@@ -22,6 +22,13 @@ PERSISTENT: Final = 3
 
 _LATE_REMEDY: Final = "set the adapter's latency timer to 1 ms, or look for what else holds bytes back"
 
+_POOR_MAX: Final = 10
+"""So many more periods without a reply than with one, beyond those that may be missed in a row, are too many: an
+estimate."""
+
+_VOLTAGE_BIT: Final = 0x01
+"""Of the error byte of protocol 1 servos, which comes and goes with the supply."""
+
 _JUMP_RAD: Final = 0.2
 _JUMP_SPEED: Final = 1.2
 """How far an encoder may be from its last reading, beside what the servo does at so many times its no-load speed:
@@ -40,6 +47,7 @@ class Watch:
 
     Args:
         missed: servo id => periods in a row without a valid reply
+        poor: servo id => how many more periods lately were without one than with one
         stale: sensor => periods in a row with an old value
         alerted: servo id => replies in a row that reported a hardware error
         believed: joint => when and where it was last seen that it can have been [s, rad]
@@ -52,6 +60,7 @@ class Watch:
     """
 
     missed: dict[int, int] = field(default_factory=dict)
+    poor: dict[int, int] = field(default_factory=dict)
     stale: dict[str, int] = field(default_factory=dict)
     alerted: dict[int, int] = field(default_factory=dict)
     believed: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -84,38 +93,42 @@ def needed_sensors(rig: Rig, controller: Controller) -> frozenset[int]:
 
 
 def judge_replies(rig: Rig, watch: Watch, replies: Mapping[int, Reply]) -> str | None:
-    """Stop when one servo has been silent for too many periods.
+    """Stop when one servo has been silent for too many periods, or in most of them.
 
     Args:
         rig: the rig
         watch: counts
         replies: servo id => its reply of this period
     """
+    most = rig.safety.missed_cycles_max
     for joint in rig.joints:
         answered = replies[joint.id].status == "data"
         watch.missed[joint.id] = 0 if answered else watch.missed.get(joint.id, 0) + 1
-    if len(rig.joints) > 1 and min(watch.missed.values()) > rig.safety.missed_cycles_max:
-        if any(reply.late for reply in replies.values()):
-            return f"every servo has answered too late for {min(watch.missed.values())} periods; {_LATE_REMEDY}"
-        return (
-            f"no servo has answered for {min(watch.missed.values())} periods; check the bus cable and the power supply"
-        )
+        watch.poor[joint.id] = max(0, watch.poor.get(joint.id, 0) + (-1 if answered else 1))
     for joint in rig.joints:
+        missed = watch.missed[joint.id]
+        lasting = f"for {missed} periods" if missed > most else "in most periods"
+        if missed <= most and (missed == 0 or watch.poor[joint.id] <= most + _POOR_MAX):
+            continue
+        everyone = len(rig.joints) > 1 and min(watch.missed.values()) > most
+        if any(reply.late for reply in replies.values()):
+            who = "every servo" if everyone else _named(joint)
+            return f"{who} has answered too late {lasting}; {_LATE_REMEDY}"
+        if everyone:
+            return f"no servo has answered {lasting}; check the bus cable and the power supply"
         reply = replies[joint.id]
-        if watch.missed[joint.id] > rig.safety.missed_cycles_max:
-            if reply.late:
-                return f"{_named(joint)} has answered too late for {watch.missed[joint.id]} periods; {_LATE_REMEDY}"
-            said = {
-                "missing": "gave no reply",
-                "corrupt": "gave only corrupt replies",
-                "refused": f"refused to be read ({reply.refusal})",
-            }[reply.status]
-            return f"{_named(joint)} {said} for {watch.missed[joint.id]} periods; check its cable and its power"
+        said = {
+            "missing": f"gave no reply {lasting}; check its cable and its power",
+            "corrupt": f"gave only corrupt replies {lasting}; check its cable, and that no other servo has its id",
+            "refused": f"refused to be read ({reply.refusal}) {lasting}; check that it is the right product",
+            "data": "",
+        }[reply.status]
+        return f"{_named(joint)} {said}"
     return None
 
 
 def judge_alert(watch: Watch, joint: Joint, reply: Reply) -> bool:
-    """Return whether to look into what a servo reports: at once where it lasts until a reboot, else if it persists.
+    """Return whether to look into what a servo reports: at once, but for a voltage that may be back in a moment.
 
     Args:
         watch: counts
@@ -125,7 +138,8 @@ def judge_alert(watch: Watch, joint: Joint, reply: Reply) -> bool:
     if reply.status != "data":
         return False
     watch.alerted[joint.id] = watch.alerted.get(joint.id, 0) + 1 if reply.alert else 0
-    return watch.alerted[joint.id] >= (1 if joint.family.protocol == "dynamixel-2.0" else PERSISTENT)
+    passing = joint.family.protocol != "dynamixel-2.0" and reply.error == _VOLTAGE_BIT
+    return watch.alerted[joint.id] >= (PERSISTENT if passing else 1)
 
 
 def judge_hardware_error(joint: Joint, status: int, shutdown: int | None) -> str | None:

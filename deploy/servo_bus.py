@@ -46,7 +46,7 @@ class Reply:
         t: when the reply had been read, or was given up [s]
         alert: whether the servo reports that something is wrong with it, rather than with the question
         refusal: what the servo says of the question, "" if nothing
-        late: whether it is missing, but something came that answers an earlier question
+        late: whether it is missing, but since it was last asked something came that answers an earlier question
     """
 
     id: int
@@ -112,7 +112,7 @@ class ServoBus(ABC):
         self.return_delay_s = return_delay_s
         self._late: dict[tuple[int, int], float] = {}
         self._silent: set[int] = set()
-        self._strays = 0
+        self._strays: dict[int, int] = {}
 
     def close(self) -> None:
         """Close the port."""
@@ -293,7 +293,6 @@ class ServoBus(ABC):
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         self.port.is_using = False
-        self._strays = self.port.strays
         try:
             yield
         finally:
@@ -320,13 +319,14 @@ class ServoBus(ABC):
         nbyte = self.status_bytes + length + self.stuffing_bytes
         port.expect(len(servos) * nbyte, len(servos), self.return_delay_s)
         replies: dict[int, Reply] = {}
-        corrupt, late = False, port.strays > self._strays
+        corrupt = False
         while len(replies) < len(servos):
             result, packet = self._next_packet()
             if result == "packet":
                 reply = self._parse(packet, length, port.now())
-                late = late or reply is None
-                if reply and reply.id in servos and reply.id not in replies:
+                if reply is None:
+                    port.strays += len(packet)
+                elif reply.id in servos and reply.id not in replies:
                     replies[reply.id] = reply
                     if reply.id == servos[-1]:
                         break  # replies come in the order of the question: who has not answered by now will not
@@ -339,8 +339,10 @@ class ServoBus(ABC):
         for servo in servos:
             if servo not in replies:
                 status: Literal["corrupt", "missing"] = "corrupt" if corrupt else "missing"
-                replies[servo] = Reply(servo, status, b"", 0, port.now(), late=late and not corrupt)
+                late = not corrupt and port.strays > self._strays.get(servo, 0)
+                replies[servo] = Reply(servo, status, b"", 0, port.now(), late=late)
                 self._late[servo, length] = port.now() + LATE_S_MAX
+            self._strays[servo] = port.strays
         return replies
 
     def _retry(self, attempts: int, transaction: Callable[[], Reply]) -> Reply:

@@ -106,6 +106,7 @@ class Bench:
         """Return every servo's torque as the vendor's own client reads it, once nothing is wrong any more."""
         self.virtual.set_faults([])
         self.virtual.advance(self.virtual.now + 1.0)
+        self.virtual.replies_until(self.virtual.now)  # what was late is over
         kind, version = self.rig.bus.protocol.split("-")
         sdk = scservo_sdk.PacketHandler(0) if kind == "feetech" else dynamixel_sdk.PacketHandler(float(version))
         read = {}
@@ -113,8 +114,11 @@ class Bench:
             port = LockstepPort(bench, self.rig.bus.baud)
             for joint in self.rig.joints:
                 address = registers(joint.product)["torque_enable"].address
-                value, result, _ = sdk.read1ByteTxRx(port, joint.id, address)
-                read[joint.name] = value if result == 0 else None
+                for _ in range(3):  # as its users do
+                    value, result, _ = sdk.read1ByteTxRx(port, joint.id, address)
+                    read[joint.name] = value if result == 0 else None
+                    if result == 0:
+                        break
             port.closePort()
         return read
 
