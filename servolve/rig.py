@@ -107,7 +107,8 @@ def serve(
         print(f"bus      {server.bus_path}{f' as {link}' if link else ''}")
         print(f"sensors  {server.sensor_path}{f' as {sensor_link}' if sensor_link else ''}")
         if server.tcp_port is not None:
-            print(f"bus too  socket://{host or LOOPBACK}:{server.tcp_port}")
+            address = f"[{host}]" if host and ":" in host else host or LOOPBACK
+            print(f"bus too  socket://{address}:{server.tcp_port}")
         if control is not None:
             print(f"control  {control}")
         sys.stdout.flush()

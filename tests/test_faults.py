@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from controller.errors import InputError
 from controller.rig_file import load_rig
@@ -105,3 +107,40 @@ def test_a_file_is_a_list_of_faults(tmp_path):
         assert str(caught.value).startswith(str(path))
     with pytest.raises(InputError, match="there is no such file"):
         read_faults([str(tmp_path / "none.toml")])
+
+
+KIND = st.sampled_from(sorted(KINDS))
+MILLI = st.integers(0, 1000).map(lambda count: count / 1000)
+
+
+@given(
+    kind=KIND,
+    share=MILLI,
+    count=st.integers(1, 999),
+    by_count=st.booleans(),
+    more=st.integers(1, 5000),
+    times=st.tuples(MILLI, MILLI),
+)
+def test_what_a_fault_tells_is_read_as_the_same_fault(kind, share, count, by_count, more, times):
+    meaning = KINDS[kind][0]
+    chance = f"#{count}" if by_count else str(share)
+    value = {
+        "chance": f"={chance}",
+        "late": f"={chance}:{more}",
+        "id": f"={count % 253}",
+        "slip": f"={count % 253}:{more}",
+        "letter": "=F",
+        "volts": f"={share * 20}",
+        "time": f"={share * 200 + 1}",
+        "nothing": "",
+    }[meaning]
+    fault = parse_fault(f"{kind}{value}@{times[0]}-{times[0] + times[1] + 0.001}")
+    assert parse_fault(fault.spec) == fault
+
+
+@given(st.text())
+def test_any_text_is_a_fault_or_one_sentence(text):
+    try:
+        parse_fault(text)
+    except InputError as error:
+        assert str(error).startswith("fault '")

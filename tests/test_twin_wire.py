@@ -6,6 +6,7 @@ from operator import xor
 
 import numpy as np
 import pytest
+from rig_bench import Bench
 from wire import LAMP, Wire
 
 from controller.rig_file import load_rig
@@ -238,3 +239,10 @@ def test_shipped_twins_stand_on_every_rig(name, rig):
     assert np.abs(truth.base_rpy[:2]).max() < 0.1
     assert np.abs(truth.joint_rad).max() < 0.2
     assert len(wire.positions()) == len(wire.joints)
+
+
+@pytest.mark.parametrize("name", twin_names())
+def test_the_host_loop_drives_every_shipped_twin(name, tmp_path):
+    outcome = Bench(tmp_path, twin=load_twin(name)).run(seconds=1.5)
+    assert outcome.done, outcome.reason
+    assert not outcome.faulty, outcome.reason

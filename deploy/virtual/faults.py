@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Final, Literal
 
@@ -100,13 +101,17 @@ class Fault:
     def spec(self) -> str:
         """Return how it is written."""
         meaning = KINDS[self.kind][0]
-        value = (
-            "" if meaning == "nothing" else self.letter or (f"#{self.count}" if self.count else f"{self.value:.12g}")
-        )
-        more = f":{self.more:g}" if self.more and meaning in ("late", "slip") else ""
-        end = f"-{self.end_s:.12g}" if self.end_s < math.inf else ""
-        times = f"@{self.start_s:.12g}{end}" if self.start_s or end else ""
-        return f"{self.kind}{'=' if value else ''}{value}{more}{times}"
+        value = self.letter or (f"#{self.count}" if self.count else _written(self.value))
+        value = "" if meaning == "nothing" else f"={value}"
+        more = f":{_written(self.more)}" if self.more and meaning in ("late", "slip") else ""
+        end = f"-{_written(self.end_s)}" if self.end_s < math.inf else ""
+        times = f"@{_written(self.start_s)}{end}" if self.start_s or end else ""
+        return f"{self.kind}{value}{more}{times}"
+
+
+def _written(value: float) -> str:
+    """Return a number's digits, all that it needs and no exponent."""
+    return format(Decimal(repr(value)), "f").removesuffix(".0")
 
 
 def parse_fault(spec: str) -> Fault:
