@@ -19,10 +19,8 @@ class Picky(DynamixelBus):
     """A bus whose servos refuse addresses at which they have no register, as the manual lets them."""
 
     table = registers(X330.joints[0].product)
-    asked = 0
 
     def read(self, servo, address, length):
-        self.asked += 1
         known = {line.address + byte for line in self.table.values() for byte in range(line.size)}
         if not known.issuperset(range(address, address + length)):
             return Reply(servo, "refused", b"", 7, self.port.now(), False, "no such address")
