@@ -206,7 +206,7 @@ def main():
                 came = run_cell(Path(folder), *cell)
             told[cell] = (came.status, came.text())
             sys.stdout.write(f"{' | '.join(cell)} | {came.status} | {came.text()}\n")
-            PAGE.write_text(page(read_page() | told))
+    PAGE.write_text(page(read_page() | told))
 
 
 if __name__ == "__main__":
