@@ -180,6 +180,7 @@ def test_faults_of_a_body_are_told_in_one_sentence(rig, tmp_path):
 
 
 def test_an_integral_gain_is_refused(rig):
-    joints = (dataclasses.replace(rig.joints[0], i_gain=5), *rig.joints[1:])
+    gains = {**rig.joints[0].gains, "position_i_gain": 5}
+    joints = (dataclasses.replace(rig.joints[0], gains=gains), *rig.joints[1:])
     with pytest.raises(InputError, match="joint a0: i_gain: simulated servos have no integrator"):
         build_model(dataclasses.replace(rig, joints=joints))
