@@ -10,10 +10,10 @@ from controller.errors import InputError
 from controller.rig import Rig
 from deploy.clock import LockstepClock, RealClock
 from deploy.drivable import require_drivable
+from deploy.open_bus import open_bus
 from deploy.period import Connection
 from deploy.port import SerialPort
 from deploy.sensor_port import SensorPort
-from deploy.servo_bus import open_bus
 from deploy.witness import Witness
 
 if TYPE_CHECKING:

@@ -18,14 +18,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final, Literal
+from typing import ClassVar, Final, Literal
 
 from controller.errors import RunError
 from controller.register import Register, decode_register, encode_register
 from deploy.port import SerialPort
-
-if TYPE_CHECKING:
-    from controller.rig import Rig
 
 LATE_S_MAX: Final = 0.25
 """A reply that has not come by then will not come: longer than any adapter holds bytes back. An estimate."""
@@ -61,35 +58,6 @@ class Reply:
 
 class BusError(RunError):
     """Report that a servo did not do what it was asked to."""
-
-
-def open_bus(port: SerialPort, rig: Rig) -> ServoBus:
-    """Return the bus that speaks a rig's protocol.
-
-    Args:
-        port: the open port; the bus closes it
-        rig: the rig
-
-    Returns:
-        the bus
-
-    Raises:
-        InputError: the vendor's SDK is missing, or another package stands in its place
-    """
-    delay_s = 1e-6 * rig.bus.return_delay_us
-    protocol: str = rig.bus.protocol
-    # each SDK is imported where it is needed, for nobody needs all of them
-    if protocol == "dynamixel-1.0":
-        from deploy.dynamixel1_bus import Dynamixel1Bus
-
-        return Dynamixel1Bus(port, delay_s)
-    if protocol.startswith("feetech-"):
-        from deploy.feetech_bus import FeetechBus
-
-        return FeetechBus(port, delay_s, "sts" if protocol == "feetech-sts" else "scs")
-    from deploy.dynamixel_bus import DynamixelBus
-
-    return DynamixelBus(port, delay_s)
 
 
 class ServoBus(ABC):

@@ -12,8 +12,8 @@ from controller.registers import registers
 from deploy.checks import check_servos
 from deploy.fix import apply_fixes, find_baud, read_backup, restoring
 from deploy.lockstep_port import LockstepPort
+from deploy.open_bus import open_bus
 from deploy.servo_backup import ServoBackup, load_backup, save_backup
-from deploy.servo_bus import open_bus
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

@@ -17,7 +17,7 @@ from controller import load_rig
 from deploy.clock import LockstepClock
 from deploy.lockstep_port import LockstepPort
 from deploy.monitor import watch
-from deploy.servo_bus import open_bus
+from deploy.open_bus import open_bus
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

@@ -15,7 +15,7 @@ from scripted_port import ScriptedPort, replies
 
 from deploy.dynamixel1_bus import Dynamixel1Bus
 from deploy.feetech_bus import FeetechBus
-from deploy.servo_bus import open_bus
+from deploy.open_bus import open_bus
 
 scripted = scripted_port.scripted
 

@@ -17,9 +17,9 @@ from controller.registers import registers
 from deploy.calibration import Travel, begin_travel, calibrate_joint
 from deploy.clock import LockstepClock
 from deploy.lockstep_port import LockstepPort
+from deploy.open_bus import open_bus
 from deploy.range_recorder import read_counts, record_travel
 from deploy.servo_backup import load_backup
-from deploy.servo_bus import open_bus
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

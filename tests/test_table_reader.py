@@ -6,7 +6,8 @@ from controller import load_rig
 from controller.registers import registers
 from deploy.dynamixel_bus import DynamixelBus
 from deploy.lockstep_port import LockstepPort
-from deploy.servo_bus import BusError, Reply, open_bus
+from deploy.open_bus import open_bus
+from deploy.servo_bus import BusError, Reply
 from deploy.table_reader import read_table
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench

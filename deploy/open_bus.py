@@ -1,0 +1,36 @@
+"""Open the bus that speaks a rig's protocol."""
+
+from __future__ import annotations
+
+from controller.rig import Rig
+from deploy.port import SerialPort
+from deploy.servo_bus import ServoBus
+
+
+def open_bus(port: SerialPort, rig: Rig) -> ServoBus:
+    """Return the bus that speaks a rig's protocol.
+
+    Args:
+        port: the open port; the bus closes it
+        rig: the rig
+
+    Returns:
+        the bus
+
+    Raises:
+        InputError: the vendor's SDK is missing, or another package stands in its place
+    """
+    delay_s = 1e-6 * rig.bus.return_delay_us
+    protocol: str = rig.bus.protocol
+    # each SDK is imported where it is needed, for nobody needs all of them
+    if protocol == "dynamixel-1.0":
+        from deploy.dynamixel1_bus import Dynamixel1Bus
+
+        return Dynamixel1Bus(port, delay_s)
+    if protocol.startswith("feetech-"):
+        from deploy.feetech_bus import FeetechBus
+
+        return FeetechBus(port, delay_s, "sts" if protocol == "feetech-sts" else "scs")
+    from deploy.dynamixel_bus import DynamixelBus
+
+    return DynamixelBus(port, delay_s)
