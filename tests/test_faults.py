@@ -143,4 +143,5 @@ def test_any_text_is_a_fault_or_one_sentence(text):
     try:
         parse_fault(text)
     except InputError as error:
-        assert str(error).startswith("fault '")
+        assert str(error).startswith(("fault '", 'fault "'))
+        assert len(str(error).splitlines()) == 1

@@ -128,24 +128,24 @@ def parse_fault(spec: str) -> Fault:
     """
     match = _SPEC.fullmatch(spec)
     if not match:
-        raise InputError(f"fault '{spec}': is not KIND=VALUE, KIND=VALUE@START or KIND=VALUE@START-END; as dead=2@3.0")
+        raise InputError(f"fault {spec!r}: is not KIND=VALUE, KIND=VALUE@START or KIND=VALUE@START-END; as dead=2@3.0")
     kind, text, more = match["kind"], match["value"], match["more"]
     if kind not in KINDS:
         close = difflib.get_close_matches(kind, KINDS, n=1)
         hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(KINDS)}"
-        raise InputError(f"fault '{spec}': kind '{kind}' is not known; {hint}")
+        raise InputError(f"fault {spec!r}: kind '{kind}' is not known; {hint}")
     start_s = _time(spec, match["start"], 0.0)
     end_s = _time(spec, match["end"], math.inf)
     if start_s >= end_s:
-        raise InputError(f"fault '{spec}': it ends before it begins; write the earlier time first")
+        raise InputError(f"fault {spec!r}: it ends before it begins; write the earlier time first")
     meaning = KINDS[kind][0]
     if (text is None) != (meaning == "nothing"):
         example = kind + _EXAMPLES[meaning]
-        raise InputError(f"fault '{spec}': {kind} {'takes no' if text else 'needs a'} value; write as {example}")
+        raise InputError(f"fault {spec!r}: {kind} {'takes no' if text else 'needs a'} value; write as {example}")
     if more is not None and meaning not in ("late", "slip"):
-        raise InputError(f"fault '{spec}': {kind} takes no second value; write as {kind}{_EXAMPLES[meaning]}")
+        raise InputError(f"fault {spec!r}: {kind} takes no second value; write as {kind}{_EXAMPLES[meaning]}")
     if meaning == "letter" and not re.fullmatch("[A-Z]", text):
-        raise InputError(f"fault '{spec}': '{text}' is not a message letter; write one such as F")
+        raise InputError(f"fault {spec!r}: {text!r} is not a message letter; write one such as F")
     count = _count(spec, text) if meaning in ("chance", "late") and text.startswith("#") else 0
     value = 0.0 if count else _value(spec, meaning, text or "")
     extra = _more(spec, meaning, more)
@@ -223,7 +223,7 @@ def check_faults(faults: Sequence[Fault], rig: Rig) -> None:
 
 def _count(spec: str, text: str) -> int:
     if not re.fullmatch("#[0-9]{1,6}", text) or int(text[1:]) == 0:
-        raise InputError(f"fault '{spec}': '{text}' is not a count; write one such as #3")
+        raise InputError(f"fault {spec!r}: {text!r} is not a count; write one such as #3")
     return int(text[1:])
 
 
@@ -232,15 +232,15 @@ def _value(spec: str, meaning: Meaning, text: str) -> float:
         return 0.0
     if meaning in _IDS:
         if not re.fullmatch("[0-9]{1,3}", text) or int(text) > 253:
-            raise InputError(f"fault '{spec}': '{text}' is not a servo id; write a whole number from 0 to 253")
+            raise InputError(f"fault {spec!r}: {text!r} is not a servo id; write a whole number from 0 to 253")
         return float(int(text))
     value = _number(text)
     if meaning in ("chance", "late") and not 0.0 <= value <= 1.0:
-        raise InputError(f"fault '{spec}': '{text}' is not a probability; write a number from 0 to 1, or a count as #3")
+        raise InputError(f"fault {spec!r}: {text!r} is not a probability; write a number from 0 to 1, or a count as #3")
     if meaning == "volts" and not 0.0 <= value <= 100.0:
-        raise InputError(f"fault '{spec}': '{text}' is not a supply voltage; write a number of volts")
+        raise InputError(f"fault {spec!r}: {text!r} is not a supply voltage; write a number of volts")
     if meaning == "time" and not 0.0 < value <= 255.0:
-        raise InputError(f"fault '{spec}': '{text}' is not a latency; write milliseconds from 1 to 255")
+        raise InputError(f"fault {spec!r}: {text!r} is not a latency; write milliseconds from 1 to 255")
     return value
 
 
@@ -249,9 +249,9 @@ def _more(spec: str, meaning: Meaning, text: str | None) -> float:
         return LATE_MS if meaning == "late" else 0.0
     value = _number(text)
     if meaning == "late" and not 0.0 < value <= 10000.0:
-        raise InputError(f"fault '{spec}': '{text}' is no time to be late by; write milliseconds up to 10000")
+        raise InputError(f"fault {spec!r}: {text!r} is no time to be late by; write milliseconds up to 10000")
     if meaning == "slip" and (not abs(value) <= 1e6 or value != round(value)):
-        raise InputError(f"fault '{spec}': '{text}' is not a number of counts; write a whole number such as 4096")
+        raise InputError(f"fault {spec!r}: {text!r} is not a number of counts; write a whole number such as 4096")
     return value
 
 
@@ -268,4 +268,4 @@ def _time(spec: str, text: str | None, default: float) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"fault '{spec}': '{text}' is not a time; write seconds, as @3.0 or @3.0-4.5") from None
+        raise InputError(f"fault {spec!r}: {text!r} is not a time; write seconds, as @3.0 or @3.0-4.5") from None
