@@ -63,6 +63,37 @@ class Register:
         return _SIGN_BITS.get(self.encoding)
 
 
+@dataclass(frozen=True)
+class RegisterLine:
+    """Write the lines of a control table.
+
+    Args:
+        source: of the lines that name none
+    """
+
+    source: str
+
+    def __call__(
+        self,
+        kind: Literal["E", "R"],
+        address: int,
+        size: int,
+        name: str,
+        access: Literal["r", "rw"],
+        initial: int,
+        low: int,
+        high: int,
+        unit: str = "1",
+        scale: float = 1.0,
+        source: str | None = None,
+        encoding: Encoding | None = None,
+    ) -> Register:
+        """Return a register, of kind "E" (EEPROM) or "R" (RAM); negative counts are two's complement unless said."""
+        encoding = encoding or ("twos" if low < 0 else "unsigned")
+        source = self.source if source is None else source
+        return Register(name, address, size, access, encoding, unit, scale, low, high, initial, kind == "E", source)
+
+
 def decode_register(register: Register, data: bytes) -> int:
     """Return the count that a register's bytes hold.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final
 
 from controller import registers_x
-from controller.register import REV_MIN, Encoding, Register
+from controller.register import REV_MIN, Register, RegisterLine
 
 _EM: Final = "[EM]"
 
@@ -20,23 +20,7 @@ _COUNT: Final = math.radians(300.0) / 1024.0
 
 _RPM: Final = 0.111 * REV_MIN
 
-
-def _line(
-    kind: Literal["E", "R"],
-    address: int,
-    size: int,
-    name: str,
-    access: Literal["r", "rw"],
-    initial: int,
-    low: int,
-    high: int,
-    unit: str = "1",
-    scale: float = 1.0,
-    source: str = _EM,
-    encoding: Encoding = "unsigned",
-) -> Register:
-    return Register(name, address, size, access, encoding, unit, scale, low, high, initial, kind == "E", source)
-
+_line: Final = RegisterLine(_EM)
 
 _BAUD: Final = "[EM] 2000000 / (value + 1), to 1 Mbit/s; ranges from its includes"
 _SPEED: Final = "[EM] joint mode, 0: as fast as it can; wheel mode: 0.1 % of the torque, bit 10 set turns clockwise"

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final
 
-from controller.register import TURN_4096, Encoding, Register
+from controller.register import TURN_4096, Register, RegisterLine
 
 _MT: Final = "[MT]"
 
@@ -26,23 +26,7 @@ SOURCES: Final[Mapping[str, str]] = MappingProxyType(
 _COUNT: Final = math.radians(300.0) / 1024.0
 """[rad] a count of an SCS's position."""
 
-
-def _line(
-    kind: Literal["E", "R"],
-    address: int,
-    size: int,
-    name: str,
-    access: Literal["r", "rw"],
-    initial: int,
-    low: int,
-    high: int,
-    unit: str = "1",
-    scale: float = 1.0,
-    source: str = _MT,
-    encoding: Encoding = "unsigned",
-) -> Register:
-    return Register(name, address, size, access, encoding, unit, scale, low, high, initial, kind == "E", source)
-
+_line: Final = RegisterLine(_MT)
 
 _BAUD: Final = "[MT], [SDK] 5: 76800, 6: 57600, 7: 38400; [LR] has 57600, 38400, 19200 there"
 _PHASE: Final = "[MT] 12; bit 4: counts several turns, which [LR] clears"

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final
 
-from controller.register import TURN_4096, Encoding, Register
+from controller.register import TURN_4096, Register, RegisterLine
 
 _EM: Final = "[EM]"
 
@@ -28,23 +28,7 @@ _RPM: Final = 0.0239691227
 _REV_MIN2: Final = 2.0 * math.pi / 3600.0
 """[rad/s2] a revolution per minute per minute."""
 
-
-def _line(
-    kind: Literal["E", "R"],
-    address: int,
-    size: int,
-    name: str,
-    access: Literal["r", "rw"],
-    initial: int,
-    low: int,
-    high: int,
-    unit: str = "1",
-    scale: float = 1.0,
-    source: str = _EM,
-) -> Register:
-    encoding: Encoding = "twos" if low < 0 else "unsigned"
-    return Register(name, address, size, access, encoding, unit, scale, low, high, initial, kind == "E", source)
-
+_line: Final = RegisterLine(_EM)
 
 _I16: Final = 1 << 15
 _I32: Final = 1 << 31
