@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from typing import Final
 
 from controller.products import Product
-from controller.registers import Register, registers
+from controller.registers import Register
 from controller.servo_law import Law, position_law
 from deploy.virtual import protocol1 as p1
-from deploy.virtual.byte_table import ByteTable
 from deploy.virtual.drive import Drive, Shaft
 from deploy.virtual.heat import AMBIENT_C, stands, warmed
 from deploy.virtual.profile import Profile
+from deploy.virtual.protocol1_servo import Protocol1Servo
 
 ERROR_VOLTAGE: Final = 0x01
 ERROR_ANGLE: Final = 0x02
@@ -26,9 +26,6 @@ ERROR_RANGE: Final = 0x08
 ERROR_CHECKSUM: Final = 0x10
 ERROR_OVERLOAD: Final = 0x20
 ERROR_INSTRUCTION: Final = 0x40
-
-BOOT_NS: Final = 300_000_000
-"""How long a servo is silent when its power comes: an estimate."""
 
 OVERLOAD_S: Final = 2.0
 """How long a motor may stand at all the duty that its limit allows: an estimate."""
@@ -45,7 +42,7 @@ _MOVING_COUNT: Final = 10
 _NEEDED_LEVEL: Final = {p1.PING: 0, p1.READ: 1}
 
 
-class AxServo:
+class AxServo(Protocol1Servo):
     """Answer packets as an AX-12A does, and drive a shaft by its registers.
 
     Args:
@@ -58,25 +55,11 @@ class AxServo:
     takes_turns = False
 
     def __init__(self, product: Product, shaft: Shaft, eeprom: Mapping[str, int]) -> None:
-        self.product = product
-        self.table = ByteTable(registers(product))
-        self.eeprom_changed = False
+        super().__init__(product, eeprom)
         self._shaft = shaft
         self._ticks_per_rad = product.ticks_per_turn / (2.0 * math.pi)
         self._temperature_c = AMBIENT_C
-        self._silent_until_ns = 0
-        self.table.load(eeprom)
         self._start()
-
-    def reboot(self, now_ns: int) -> None:
-        """Let the power come back: torque off, RAM as after power-up; be silent meanwhile.
-
-        Args:
-            now_ns: time [ns]
-        """
-        self.table.power_up()
-        self._start()
-        self._silent_until_ns = now_ns + BOOT_NS
 
     def _start(self) -> None:
         self._registered: tuple[int, bytes] | None = None
@@ -90,30 +73,6 @@ class AxServo:
         self.table["goal_position"] = self._position()
         self._read_addresses()
         self._drive()
-
-    # what the line needs to know
-
-    def silent(self, now_ns: int) -> bool:
-        """Return whether the servo is booting.
-
-        Args:
-            now_ns: time [ns]
-        """
-        return now_ns < self._silent_until_ns
-
-    def hear(self, now_ns: int) -> None:
-        """Do nothing: the servo has no bus watchdog.
-
-        Args:
-            now_ns: time [ns]
-        """
-
-    def watchdog_ns(self) -> int | None:
-        """Return None: the servo has no bus watchdog."""
-        return None
-
-    def trip_watchdog(self) -> None:
-        """Do nothing: the servo has no bus watchdog."""
 
     # packets
 

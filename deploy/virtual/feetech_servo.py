@@ -18,15 +18,12 @@ from typing import Final
 
 from controller.families import family_of
 from controller.products import Product
-from controller.registers import Register, registers
+from controller.registers import Register
 from deploy.virtual import protocol1 as p1
-from deploy.virtual.byte_table import ByteTable
 from deploy.virtual.drive import Shaft
 from deploy.virtual.feetech_motion import FeetechMotion
 from deploy.virtual.feetech_protection import FeetechProtection
-
-BOOT_NS: Final = 300_000_000
-"""How long a servo is silent when its power comes: an estimate."""
+from deploy.virtual.protocol1_servo import Protocol1Servo
 
 HOME: Final = 128
 """What is written to torque enable to make the present position 2048."""
@@ -39,7 +36,7 @@ _ADDRESSES: Final = frozenset({"id", "baud_rate", "return_delay"})
 _ALWAYS_ANSWERED: Final = frozenset({p1.PING, p1.READ})
 
 
-class FeetechServo:
+class FeetechServo(Protocol1Servo):
     """Answer packets as a Feetech servo does, and drive a shaft by its registers.
 
     Args:
@@ -51,28 +48,14 @@ class FeetechServo:
     takes_turns = True
 
     def __init__(self, product: Product, shaft: Shaft, eeprom: Mapping[str, int]) -> None:
-        self.product = product
-        self.table = ByteTable(registers(product))
-        self.table.load(eeprom)
-        self.eeprom_changed = False
+        super().__init__(product, eeprom)
         self.sync_read = family_of(product).sync_read
         self._bauds = family_of(product).bauds
         self._shaft = shaft
-        self._silent_until_ns = 0
         self._registered: tuple[int, bytes] | None = None
         self._protection = FeetechProtection(product, self.table, shaft)
         self._motion = FeetechMotion(product, self.table, shaft)
         self._start()
-
-    def reboot(self, now_ns: int) -> None:
-        """Let the power come back: torque off, RAM as after power-up; be silent meanwhile.
-
-        Args:
-            now_ns: time [ns]
-        """
-        self.table.power_up()
-        self._start()
-        self._silent_until_ns = now_ns + BOOT_NS
 
     def _start(self) -> None:
         self._registered = None
@@ -81,30 +64,6 @@ class FeetechServo:
         self._protection.power_up()
         self._motion.power_up()
         self._read_addresses()
-
-    # what the line needs to know
-
-    def silent(self, now_ns: int) -> bool:
-        """Return whether the servo is booting.
-
-        Args:
-            now_ns: time [ns]
-        """
-        return now_ns < self._silent_until_ns
-
-    def hear(self, now_ns: int) -> None:
-        """Do nothing: the servo has no bus watchdog.
-
-        Args:
-            now_ns: time [ns]
-        """
-
-    def watchdog_ns(self) -> int | None:
-        """Return None: the servo has no bus watchdog."""
-        return None
-
-    def trip_watchdog(self) -> None:
-        """Do nothing: the servo has no bus watchdog."""
 
     # packets
 
