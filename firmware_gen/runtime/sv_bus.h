@@ -1,0 +1,88 @@
+// The bus master: questions to servos and their answers, over Dynamixel 2.0 or Feetech STS packets.
+//
+// Every transaction is over by a deadline that follows from its bytes' time on the line. What a reply says is kept for
+// each servo by itself; a corrupt packet costs no other servo its reply; a reply that comes late can not pass for the
+// answer to the next question, for that one asks for another length. The same rules, in the same order, as the host
+// loop's bus (deploy/servo_bus.py).
+
+#ifndef SV_BUS_H_
+#define SV_BUS_H_
+
+#include <stdint.h>
+
+#include "sv_rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_FRAME_MAX 256  // bytes of the longest packet, stuffing included
+#define SV_LATE_MAX 32    // lost replies that are remembered
+
+typedef enum {
+  SV_REPLY_DATA = 0,
+  SV_REPLY_REFUSED = 1,  // an error and no data
+  SV_REPLY_MISSING = 2,  // silence
+  SV_REPLY_CORRUPT = 3   // bytes came, but no valid packet
+} sv_reply_status;
+
+typedef struct {
+  uint8_t status;  // sv_reply_status
+  uint8_t error;   // the packet's error byte
+  uint8_t alert;   // whether the servo reports that something is wrong with it
+  uint8_t late;    // whether it is missing, but an answer to an earlier question has come since it was last asked
+  int32_t size;    // bytes of data
+  int64_t t_us;    // when it had been read, or was given up
+} sv_reply;
+
+typedef struct {
+  uint8_t id;
+  int32_t size;      // data bytes that were asked for
+  int64_t until_us;  // it will not come after this
+} sv_late;
+
+typedef struct {
+  const sv_rig* rig;
+  uint8_t received[2 * SV_FRAME_MAX];  // bytes of the transaction that are not used yet
+  int32_t nreceived;
+  uint8_t frame[SV_FRAME_MAX];  // what is being sent
+  sv_late late[SV_LATE_MAX];
+  uint32_t silent;  // by joint: asked last, where it keeps nobody waiting
+  int32_t strays;   // bytes that answered nothing that was asked
+  int32_t strays_seen[SV_JOINT_MAX];
+  int64_t line_free_us;
+  int64_t patience_us;
+  uint32_t nbyte;  // bytes sent and received
+} sv_bus;
+
+// Start with an empty line.
+void sv_bus_init(sv_bus* bus, const sv_rig* rig);
+
+// Ask joint number `joint` whether it is there: => its model number.
+sv_reply sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model);
+
+// Read a block: => data (size).
+sv_reply sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, uint8_t* data);
+
+// Write a block.
+sv_reply sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size);
+
+// Read the same block of every joint: => replies (njoint), data (njoint, size).
+void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data);
+
+// Write the same registers of every joint: data (njoint, size); nobody replies.
+void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t* data);
+
+// Read one register, trying again where the reply is lost: => count; return the last reply.
+sv_reply sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count);
+
+// Write one register and read it back; return the last reply, and whether the register holds the count: => held, count
+// read.
+sv_reply sv_bus_write_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t count, int32_t attempts,
+                               int32_t* held);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif  // SV_BUS_H_

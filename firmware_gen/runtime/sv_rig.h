@@ -1,0 +1,150 @@
+// One rig as constant data: what `rig.toml` says, resolved to register addresses and counts by the generator.
+//
+// A servo's registers, the checks of its settings and the settings themselves are rows of tables, so that the code
+// knows no product: Dynamixel 2.0 and Feetech STS servos differ here and in their packets only.
+
+#ifndef SV_RIG_H_
+#define SV_RIG_H_
+
+#include <stdint.h>
+
+#include "sv_cycle.h"
+#include "sv_schedule.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_JOINT_MAX 16   // joints of a rig
+#define SV_SENSOR_MAX 16  // channels of the sensor node
+#define SV_BLOCK_MAX 160  // bytes of the longest block that is read at once
+
+typedef enum { SV_DYNAMIXEL2 = 0, SV_FEETECH_STS = 1 } sv_protocol;
+
+typedef enum {
+  SV_UNSIGNED = 0,
+  SV_TWOS = 1,    // two's complement
+  SV_SIGN15 = 2,  // magnitude, sign in bit 15
+  SV_SIGN11 = 3,
+  SV_SIGN10 = 4
+} sv_encoding;
+
+typedef struct {
+  uint16_t address;
+  uint8_t size;      // bytes, low byte first; 0: the servo has no such register
+  uint8_t encoding;  // sv_encoding
+} sv_register;
+
+typedef struct {
+  sv_register reg;
+  int32_t value;  // counts
+} sv_setting;
+
+typedef enum { SV_WARNING = 0, SV_ERROR = 1 } sv_level;
+
+// A register must hold low..high under mask. Number `kind` of the finding otherwise: see sv_reason.h.
+typedef struct {
+  sv_register reg;
+  int32_t mask;  // -1: the whole count
+  int32_t low;
+  int32_t high;
+  uint8_t level;  // sv_level
+  uint8_t kind;   // sv_finding
+} sv_check;
+
+typedef struct {
+  uint8_t id;
+  uint16_t model;     // what the servo says that it is
+  int32_t zero;       // encoder counts at angle 0
+  float angle_scale;  // rad per count, sign included
+  float speed_scale;  // rad/s per velocity count, sign included
+  int32_t goal_low;   // goals that the mode and the limits allow [counts]
+  int32_t goal_high;
+  int32_t seed_low;  // positions that a goal may be seeded with, position mode [counts]
+  int32_t seed_high;
+  int32_t neutral;  // position at rest [counts]
+  float neutral_rad;
+  float low_rad;  // -+3.4e38 for an unlimited joint
+  float high_rad;
+  float speed_max;      // fastest velocity that may be commanded [rad/s]
+  float no_load_speed;  // of the servo [rad/s]
+  uint8_t unlimited;
+  int32_t rest_count;  // a joint at rest has at most this velocity [counts]
+  sv_register position;
+  sv_register velocity;
+  sv_register load;
+  sv_register goal;
+  sv_register torque;
+  sv_register ceiling;    // torque ceiling, size 0: none
+  int32_t ceiling_count;  // at derating 1
+  sv_register watchdog;   // bus watchdog, size 0: none
+  sv_register hardware_error;
+  sv_register shutdown;
+  sv_register voltage;
+  sv_register temperature;
+  float voltage_scale;  // V per count
+  uint8_t error_bits;   // of the hardware error that mean something
+  sv_block tables[2];   // blocks that the start-up check reads: EEPROM, then RAM
+  const sv_check* checks;
+  int32_t ncheck;
+  const sv_setting* settings;  // what is written before torque, in order, but for the torque ceiling, which is last
+  int32_t nsetting;
+} sv_joint;
+
+typedef struct {
+  char message;        // letter of its line
+  uint8_t field;       // place among the line's integers
+  uint8_t needed;      // whether the controller or the tilt guard can not do without it
+  int32_t zero;        // counts at 0 SI
+  float scale;         // SI per count
+  int32_t latency_us;  // from the sample to its line's last byte
+  int32_t age_us_max;
+} sv_sensor;
+
+typedef struct {
+  uint8_t stop_holds;  // a run that was done ends with torque on at the last goal
+  float homing_rad_s;
+  float tracking_rad_max;
+  int32_t tracking_us_max;
+  int32_t missed_max;     // replies of one servo that may be missing in a row
+  float temperature_max;  // [degrees Celsius]
+  float voltage_low;      // [V]
+  float tilt_rad_max;     // 0: never
+  int32_t overrun_max;    // periods in a row that may overrun
+  int32_t watchdog_us;    // of the servos' bus watchdogs, 0: none
+  int32_t watchdog_count;
+} sv_safety;
+
+typedef struct {
+  int32_t protocol;  // sv_protocol
+  int32_t baud;
+  int32_t return_delay_us;
+  int32_t patience_us;  // how much later than the line needs a reply may come
+  uint8_t velocity_mode;
+  uint8_t fast_sync_read;  // one status packet for all: Dynamixel 2.0, where every servo knows it
+  int32_t period_us;
+  int32_t homing_periods_max;  // beyond those of the move, until rest
+  float slew_rad_s;            // of the controller, 0: none
+  int32_t njoint;
+  const sv_joint* joints;
+  int32_t nsensor;
+  const sv_sensor* sensors;
+  int32_t roll;  // number of the sensor, -1: none
+  int32_t pitch;
+  sv_schedule schedule;
+  sv_safety safety;
+  const sv_cycle* cycle;
+  uint32_t fingerprint;  // of rig and controller: a log names the files that it belongs to
+} sv_rig;
+
+// Return the count that a register's bytes hold.
+int32_t sv_register_decode(const sv_register* reg, const uint8_t* data);
+
+// Write a count as a register's bytes: => data (reg->size).
+void sv_register_encode(const sv_register* reg, int32_t count, uint8_t* data);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif  // SV_RIG_H_
