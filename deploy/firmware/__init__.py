@@ -1,0 +1,1 @@
+"""Drive firmware images from the virtual rig in lock step, and read what they say on their console."""
