@@ -18,7 +18,7 @@ from controller.rig_sensors import read_sensors
 from controller.toml_table import Table, parse_toml, read_toml
 
 RAW_CHANNEL_MAX: Final = 128
-"""`SV_RAW_MAX` of `runtime/sv_cycle.h`."""
+"""`SV_RAW_MAX` of `runtime/sv_sizes.h`."""
 
 # protocol: bytes of packets with nothing in them: a sync read or write, a status, a read of one servo
 _PACKET_BYTES: Final = {"dynamixel-2.0": (14, 11, 14), "dynamixel-1.0": (8, 6, 8), "feetech": (8, 6, 8)}

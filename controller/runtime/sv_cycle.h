@@ -15,8 +15,6 @@
 extern "C" {
 #endif
 
-#define SV_RAW_MAX 128  // raw channels of a rig
-
 typedef enum {
   SV_TERMINAL_TIME = 0,          // t = k * period [s]
   SV_TERMINAL_RAW = 1,           // (raw[channel] - zero) * scale

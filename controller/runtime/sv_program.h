@@ -9,15 +9,11 @@
 
 #include <stdint.h>
 
+#include "sv_sizes.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-#define SV_INPUT_MAX 64          // inputs of a program
-#define SV_OUTPUT_MAX 32         // outputs of a program
-#define SV_INSTRUCTION_MAX 8192  // instructions of a program
-#define SV_CONSTANT_MAX 8192     // constants of a program
-#define SV_STATE_MAX 4096        // float32 state slots of a program
 
 typedef enum {
   SV_OK = 0,

@@ -16,7 +16,6 @@
 extern "C" {
 #endif
 
-#define SV_FRAME_MAX 256  // bytes of the longest packet, stuffing included
 #define SV_LATE_MAX 32    // lost replies that are remembered
 
 typedef enum {

@@ -15,10 +15,6 @@
 extern "C" {
 #endif
 
-#define SV_JOINT_MAX 16   // joints of a rig
-#define SV_SENSOR_MAX 16  // channels of the sensor node
-#define SV_BLOCK_MAX 160  // bytes of the longest block that is read at once
-
 typedef enum { SV_DYNAMIXEL2 = 0, SV_FEETECH_STS = 1 } sv_protocol;
 
 typedef enum {
