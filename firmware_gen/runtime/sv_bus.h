@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define SV_LATE_MAX 32    // lost replies that are remembered
+#define SV_LATE_MAX 32  // lost replies that are remembered
 
 typedef enum {
   SV_REPLY_DATA = 0,
