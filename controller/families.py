@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -117,6 +118,14 @@ class Family:
         if name is None or mode not in self.modes:
             raise ValueError(f"{self.name} servos have no {mode} mode")
         return name
+
+    def errors(self, bits: int) -> tuple[str, ...]:
+        """Return in words what a servo says is wrong with it.
+
+        Args:
+            bits: its hardware error, or the error byte of a servo that has none
+        """
+        return tuple(words for bit, words in self.error_bits.items() if bits >> bit & 1)
 
 
 _X330: Final = Family(
@@ -343,6 +352,10 @@ def family_of(product: Product) -> Family:
         its family; of the X430, what measures current has its current for a load
     """
     family = FAMILIES[product.family]
-    if family.load not in registers(product):
-        return replace(family, load="present_current", state=("present_current", family.state[1]))
-    return family
+    return family if family.load in registers(product) else _measuring_current(family.name)
+
+
+@functools.cache  # this is asked for in every period
+def _measuring_current(name: str) -> Family:
+    family = FAMILIES[name]
+    return replace(family, load="present_current", state=("present_current", family.state[1]))

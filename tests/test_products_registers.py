@@ -230,6 +230,7 @@ def test_datasheet_numbers_at_rated_voltage(name, model, volts, stall_nm, ampere
 @pytest.mark.parametrize("product", PRODUCTS.values(), ids=PRODUCTS)
 def test_a_family_names_registers_that_its_servos_have(product):
     family, lines = family_of(product), registers(product)
+    assert family_of(product) is family
     singles = [getattr(family, field.name) for field in fields(family)]
     named = {value for value in singles if isinstance(value, str)} - {
         *(family.name, family.protocol, family.bus_protocol, family.byte_order, family.ceiling_key)
