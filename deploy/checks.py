@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from controller.controller import Controller
 from controller.registers import Register, decode_register, registers
 from controller.rig import Joint, Rig
 from deploy.finding import Finding, Fix
-from deploy.joint_counts import joint_angle
 from deploy.line_time import period_line_s
 from deploy.port import usb_latency_s
+from deploy.reading import Reading
 from deploy.safety import judge_hardware_error
 from deploy.sensor_reader import SensorReader
 from deploy.servo_bus import Reply, ServoBus
@@ -23,7 +22,6 @@ from deploy.servo_findings import setting_findings, state_findings
 __all__ = [
     "Finding",
     "Fix",
-    "Reading",
     "check_controller",
     "check_derating",
     "check_sensors",
@@ -38,25 +36,6 @@ _PATIENCE_S: Final = 0.1
 _LINE_SHARE_MAX: Final = 0.8
 _TABLE_GAP: Final = 8
 """Bytes without a register after which a table holds nothing that is checked: indirect data, or the maker's own."""
-
-
-@dataclass(frozen=True)
-class Reading:
-    """Hold what a check read from one servo, for people to look at.
-
-    Args:
-        joint: the joint
-        values: register => count; empty if the servo is not there
-    """
-
-    joint: Joint
-    values: Mapping[str, int]
-
-    @property
-    def angle_rad(self) -> float:
-        """Return the joint's angle [rad], NaN if the servo is not there."""
-        position = self.values.get(self.joint.family.position)
-        return math.nan if position is None else joint_angle(self.joint, position)
 
 
 def check_servos(bus: ServoBus, rig: Rig) -> tuple[list[Reading], list[Finding]]:
@@ -211,13 +190,13 @@ def _check_servo(bus: ServoBus, rig: Rig, joint: Joint, waits_s: list[float]) ->
     values, error, missing = _read_table(bus, joint, waits_s)
     if missing:
         text = f"{named}: {missing}; check cables, ground and other masters on the bus"
-        return Reading(joint, values), [Finding("error", text)]
+        return Reading(joint, values, error), [Finding("error", text)]
     findings = [*setting_findings(rig, joint, values), *state_findings(rig, joint, values)]
     status = error if joint.family.hardware_error is None else values[joint.family.hardware_error]
     hardware = judge_hardware_error(joint, status, values[joint.family.shutdown])
     if hardware:
         findings.append(Finding("error", hardware))
-    return Reading(joint, values), sorted(findings, key=lambda finding: finding.level)
+    return Reading(joint, values, error), sorted(findings, key=lambda finding: finding.level)
 
 
 def _patient_ping_s(bus: ServoBus, joint: Joint) -> float | None:

@@ -62,8 +62,7 @@ class ServoView:
     def errors(self) -> tuple[str, ...]:
         """Return what is wrong with the servo, in words, as it says itself."""
         bits = self.values.get(self.family.hardware_error, 0) if self.family.hardware_error else self.error
-        named = tuple(words for bit, words in self.family.error_bits.items() if bits >> bit & 1)
-        return named or (("alert",) if self.alert else ())
+        return self.family.errors(bits) or (("alert",) if self.alert else ())
 
     def scaled(self, name: str) -> float | None:
         """Return a register's newest value in its own unit, or None if it was never read.

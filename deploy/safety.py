@@ -155,7 +155,7 @@ def judge_hardware_error(joint: Joint, status: int, shutdown: int | None) -> str
         status &= sum(1 << bit for bit in family.error_bits)  # the others are about the question
     if not status:
         return None
-    names = [name for bit, name in family.error_bits.items() if status >> bit & 1] or [f"bits 0x{status:02x}"]
+    names = family.errors(status) or [f"bits 0x{status:02x}"]
     done = "" if shutdown is None else " and has switched its torque off"
     if shutdown is not None and not status & shutdown:
         address = registers(joint.product)[family.shutdown].address

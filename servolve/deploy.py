@@ -32,6 +32,7 @@ from deploy.stop_request import StopRequest
 from deploy.summary import summary
 from deploy.torque import unsure_sentence
 from servolve.announcer import Announcer
+from servolve.reading_table import reading_table
 from servolve.run_rig import rig_of
 
 if TYPE_CHECKING:
@@ -258,7 +259,7 @@ def _tell(console: Console, rig: Rig, outcome: Outcome, told: Mapping[str, Any],
         print(json.dumps(told))
         return
     if not armed:
-        console.print(_readings(outcome))
+        console.print(reading_table(outcome.readings))
         for sensor in rig.sensors:
             value = outcome.pose.get(sensor.name)
             shown = "-" if value is None else f"{value:.4g}"
@@ -267,24 +268,6 @@ def _tell(console: Console, rig: Rig, outcome: Outcome, told: Mapping[str, Any],
             console.print(outcome.reason, highlight=False)
     elif outcome.cycles:
         console.print(_figures(told))
-
-
-def _readings(outcome: Outcome) -> Table:
-    """Show what the checks read."""
-    table = Table("joint", "servo", "angle [rad]", "supply [V]", "temperature [°C]", "torque", "hardware error")
-    for reading in outcome.readings:
-        values = reading.values
-        row = ["-"] * 5
-        if values:
-            row = [
-                f"{reading.angle_rad:.3f}",
-                f"{0.1 * values['present_input_voltage']:.1f}",
-                str(values["present_temperature"]),
-                "on" if values["torque_enable"] else "off",
-                str(values["hardware_error_status"]),
-            ]
-        table.add_row(reading.joint.name, str(reading.joint.id), *row)
-    return table
 
 
 def _figures(told: Mapping[str, Any]) -> Table:

@@ -19,18 +19,19 @@ from rich.text import Text
 from controller.errors import InputError, RunError
 from controller.families import family_of
 from controller.products import PRODUCTS
-from controller.registers import registers
 from controller.rig import Rig
 from controller.rig_file import load_rig
-from deploy.checks import Reading, check_sensors, check_servos
+from deploy.checks import check_sensors, check_servos
 from deploy.finding import Finding, Fix
 from deploy.fix import apply_fixes, find_baud, read_backup, restoring
+from deploy.reading import Reading
 from deploy.sensor_port import SensorPort
 from deploy.sensor_reader import SensorReader
 from deploy.servo_backup import ServoBackup, load_backup, save_backup
 from deploy.servo_bus import BusError, ServoBus
 from deploy.servo_findings import setting_findings
 from deploy.usb_latency import shorten_timer, slow_timer
+from servolve.reading_table import reading_table
 from servolve.rig_bus import PATIENCE_S, rig_bus
 from servolve.rig_consent import agreed, backup_path, restore_command
 
@@ -234,7 +235,7 @@ def _change(
 
 def _show(console: Console, rig: Rig, port: str, survey: _Survey) -> None:
     console.print(f"rig {rig.name} on {port}, {rig.bus.protocol} at {rig.bus.baud} bit/s", highlight=False)
-    console.print(_readings(survey.readings))
+    console.print(reading_table(survey.readings))
     if not survey.findings:
         return
     table = Table("", "found; what to change", "--fix writes")
@@ -244,24 +245,6 @@ def _show(console: Console, rig: Rig, port: str, survey: _Survey) -> None:
         change = "" if fix is None else f"{fix.register} {fix.held} -> {fix.want}"
         table.add_row(Text(finding.level, style=style), Text(finding.text), change)
     console.print(table)
-
-
-def _readings(readings: Sequence[Reading]) -> Table:
-    """Show how each servo is."""
-    table = Table("joint", "servo", "product")
-    for name in ("count", "rad", "V", "°C"):
-        table.add_column(name, justify="right")
-    table.add_column("torque")
-    for reading in readings:
-        joint, values = reading.joint, reading.values
-        row = ["-"] * 5
-        if values:
-            family, lines = family_of(joint.product), registers(joint.product)
-            volts = values[family.voltage] * lines[family.voltage].scale
-            row = [str(values[family.position]), f"{reading.angle_rad:+.3f}", f"{volts:.1f}"]
-            row += [str(values[family.temperature]), "on" if values[family.torque_enable] else "off"]
-        table.add_row(joint.name, str(joint.id), joint.product.name, *row)
-    return table
 
 
 def _not_ready(rig: Rig, survey: _Survey, fixing: bool) -> str:

@@ -161,7 +161,7 @@ def _described(servo: Found, socket: bool) -> dict[str, Any]:
         if values[family.status_level] != family.status_level_all:
             notes.append("does not answer everything")
         bits = values[family.hardware_error] if family.hardware_error else 0
-        notes += [words for bit, words in family.error_bits.items() if bits >> bit & 1]
+        notes += family.errors(bits)
     return told | {"notes": notes, "registers": dict(servo.values)}
 
 
