@@ -28,7 +28,7 @@ typedef enum {
   SV_RESET_POWER = 0,     // switched on, or reset by a person
   SV_RESET_WATCHDOG = 1,  // the main loop hung
   SV_RESET_FAULT = 2      // a fault handler was entered
-} sv_reset;
+} sv_reset_cause;
 
 // Bring up clock, lines, inputs and watchdog; called once, first.
 void sv_hal_init(void);
@@ -52,7 +52,7 @@ uint32_t sv_hal_inputs(void);
 // Tell the watchdog that the main loop is well. It bites after about 0.1 s without, and never before the first call.
 void sv_hal_feed_watchdog(void);
 
-// Return why the board was reset, sv_reset.
+// Return why the board was reset, sv_reset_cause.
 int32_t sv_hal_reset_cause(void);
 
 #ifdef __cplusplus
