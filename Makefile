@@ -37,6 +37,7 @@ format: $(VENV)/ready ## rewrite the sources in the house's format
 accept: $(VENV)/ready ## what needs a quiet machine or much time: rates, ratios, long random tests
 	$(BIN)/pytest tests/accept_*.py
 	$(BIN)/pytest --long tests/test_machine_*.py
+	$(BIN)/pytest --long tests/test_bits_*.py
 	$(BIN)/pytest --fuzz-seconds 600 tests/test_fuzz.py
 	$(BIN)/servolve bench rollout
 	$(BIN)/servolve bench evolve --quick

@@ -19,7 +19,7 @@ STEPS_SHORT, STEPS_LONG = 600, 10_000
 
 def pytest_addoption(parser):
     group = parser.getgroup("servolve")
-    group.addoption("--long", action="store_true", help="random masters take 10,000 steps a family")
+    group.addoption("--long", action="store_true", help="random tests at full length")
     group.addoption("--fuzz-seconds", type=float, default=0.0, help="mutate bytes for so long; left out: a short form")
 
 
