@@ -1,0 +1,1 @@
+# the compiler of this computer; CC chooses another

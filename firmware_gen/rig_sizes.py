@@ -1,0 +1,113 @@
+"""How large a rig and its controller are: what arrays of the firmware have room for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from controller import Controller
+from controller.registers import registers
+from controller.rig import Rig
+from controller.schedule import schedule_of
+from firmware_gen.rig_rows import table_blocks
+
+_COMMENTS = {
+    "input": "inputs of a program",
+    "output": "outputs of a program",
+    "instruction": "instructions of a program",
+    "constant": "constants of a program",
+    "state": "float32 state slots of a program",
+    "raw": "raw channels of a rig",
+    "joint": "joints of a rig",
+    "sensor": "channels of the sensor node",
+    "block": "bytes of the longest block that is read at once",
+    "frame": "bytes of the longest packet, stuffing included",
+}
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Hold the sizes of `runtime/sv_sizes.h`; none is 0, for C has no empty arrays.
+
+    Args:
+        input: inputs of the program
+        output: its outputs
+        instruction: its instructions; compiled, it has none
+        constant: its constants; compiled, it has none
+        state: its float32 state slots
+        raw: raw channels
+        joint: joints
+        sensor: channels of the sensor node
+        block: bytes of the longest block that is read at once
+        frame: bytes of the longest packet, stuffing included
+    """
+
+    input: int
+    output: int
+    instruction: int
+    constant: int
+    state: int
+    raw: int
+    joint: int
+    sensor: int
+    block: int
+    frame: int
+
+
+def sizes_of(rig: Rig, controller: Controller) -> Sizes:
+    """Return the sizes of a rig with a controller on it.
+
+    Args:
+        rig: the rig, of servos that the firmware speaks with
+        controller: the controller
+    """
+    njoint = len(rig.joints)
+    schedule = schedule_of(rig)
+    blocks = [schedule.state, *schedule.health, *(block for joint in rig.joints for block in table_blocks(joint))]
+    block = max(size for _, size in blocks)
+    return Sizes(
+        input=max(len(controller.inputs), 1),
+        output=max(len(controller.outputs), 1),
+        instruction=1,
+        constant=1,
+        state=max(controller.program.nstate, 1),
+        raw=rig.nraw,
+        joint=njoint,
+        sensor=max(len(rig.sensors), 1),
+        block=block,
+        frame=_frame(rig, block, schedule.state[1]),
+    )
+
+
+def sizes_text(sizes: Sizes) -> str:
+    """Write `sv_sizes.h`.
+
+    Args:
+        sizes: the sizes
+    """
+    lines = [f"#define SV_{field.name.upper()}_MAX {getattr(sizes, field.name)}" for field in fields(sizes)]
+    width = max(map(len, lines)) + 2
+    return "\n".join(
+        [
+            "// What this rig and its controller need: arrays are no larger.",
+            "// Written by servolve firmware; do not edit.",
+            "",
+            "#ifndef SV_SIZES_H_",
+            "#define SV_SIZES_H_",
+            "",
+            *(f"{line:<{width}}// {_COMMENTS[field.name]}" for line, field in zip(lines, fields(sizes), strict=True)),
+            "",
+            "#endif  // SV_SIZES_H_",
+            "",
+        ]
+    )
+
+
+def _frame(rig: Rig, block: int, state: int) -> int:
+    """Return the bytes of the longest packet, or of all answers to a sync read together if they are more."""
+    njoint, joint = len(rig.joints), rig.joints[0]
+    goal = registers(joint.product)[joint.family.goal(joint.mode)].size
+    empty, body, stuffed = (14, 1 + block, True) if joint.family.protocol == "dynamixel-2.0" else (8, block, False)
+    body = max(body, 4 + njoint * (1 + goal))
+    if stuffed:
+        body += body // 3 + 1
+    return max(empty + body, njoint * (empty + state), 64)
