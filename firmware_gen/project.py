@@ -21,7 +21,7 @@ from firmware_gen.program_glue import glue_source
 from firmware_gen.project_cmake import cmake_text
 from firmware_gen.project_readme import readme_text
 from firmware_gen.rig_config import rig_header, rig_source
-from firmware_gen.rig_sizes import sizes_of, sizes_text
+from firmware_gen.rig_sizes import sizes_files, sizes_of
 from firmware_gen.unit import GENERATOR_VERSION, Unit, make_unit
 
 MANIFEST: Final = "servolve.json"
@@ -83,7 +83,6 @@ def make_project(controller: Controller, rig: Rig, board: Board) -> Project:
         "src/program.c": glue_source(unit),
         "src/rig.c": rig_c,
         "src/rig.h": rig_header(rig, unit),
-        "runtime/sv_sizes.h": sizes_text(sizes),
     }
     for path in sorted(RUNTIME.glob("*.[ch]")):
         folder = "src" if path.name == "main.c" else "runtime"
@@ -91,6 +90,7 @@ def make_project(controller: Controller, rig: Rig, board: Board) -> Project:
     for name in SHARED:
         path = CONTROLLER_RUNTIME / name
         files[f"runtime/{name}"] = path.read_text(encoding="utf-8")
+    files |= {f"runtime/{name}": text for name, text in sizes_files(sizes).items()}
     for path in board.files:
         files[f"board/{path.name}"] = path.read_text(encoding="utf-8")
     other = {f"board/{path.name}" for path in board.files if path.suffix == ".c" and path.name not in board.sources}

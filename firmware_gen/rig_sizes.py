@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
 
 from controller import Controller
 from controller.registers import registers
@@ -10,13 +12,15 @@ from controller.rig import Rig
 from controller.schedule import schedule_of
 from firmware_gen.rig_rows import table_blocks
 
-_COMMENTS = {
+_SHARED: Final = {
     "input": "inputs of a program",
     "output": "outputs of a program",
     "instruction": "instructions of a program",
     "constant": "constants of a program",
     "state": "float32 state slots of a program",
     "raw": "raw channels of a rig",
+}
+_FIRMWARE: Final = {
     "joint": "joints of a rig",
     "sensor": "channels of the sensor node",
     "block": "bytes of the longest block that is read at once",
@@ -26,7 +30,7 @@ _COMMENTS = {
 
 @dataclass(frozen=True)
 class Sizes:
-    """Hold the sizes of `runtime/sv_sizes.h`; none is 0, for C has no empty arrays.
+    """Hold the sizes of `sv_sizes.h` and `sv_rig_sizes.h`; none is 0, for C has no empty arrays.
 
     Args:
         input: inputs of the program
@@ -78,25 +82,35 @@ def sizes_of(rig: Rig, controller: Controller) -> Sizes:
     )
 
 
-def sizes_text(sizes: Sizes) -> str:
-    """Write `sv_sizes.h`.
+def sizes_files(sizes: Sizes) -> dict[str, str]:
+    """Write the headers that hold the sizes.
 
     Args:
         sizes: the sizes
+
+    Returns:
+        name => text of `sv_sizes.h`, which all code shares, and of `sv_rig_sizes.h`, which is the firmware's
     """
-    lines = [f"#define SV_{field.name.upper()}_MAX {getattr(sizes, field.name)}" for field in fields(sizes)]
+    return {
+        "sv_sizes.h": _header("SV_SIZES_H_", sizes, _SHARED),
+        "sv_rig_sizes.h": _header("SV_RIG_SIZES_H_", sizes, _FIRMWARE),
+    }
+
+
+def _header(guard: str, sizes: Sizes, comments: Mapping[str, str]) -> str:
+    lines = [f"#define SV_{name.upper()}_MAX {getattr(sizes, name)}" for name in comments]
     width = max(map(len, lines)) + 2
     return "\n".join(
         [
             "// What this rig and its controller need: arrays are no larger.",
             "// Written by servolve firmware; do not edit.",
             "",
-            "#ifndef SV_SIZES_H_",
-            "#define SV_SIZES_H_",
+            f"#ifndef {guard}",
+            f"#define {guard}",
             "",
-            *(f"{line:<{width}}// {_COMMENTS[field.name]}" for line, field in zip(lines, fields(sizes), strict=True)),
+            *(f"{line:<{width}}// {comment}" for line, comment in zip(lines, comments.values(), strict=True)),
             "",
-            "#endif  // SV_SIZES_H_",
+            f"#endif  // {guard}",
             "",
         ]
     )

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "sv_cycle.h"
+#include "sv_rig_sizes.h"
 #include "sv_schedule.h"
 
 #ifdef __cplusplus
