@@ -1,0 +1,93 @@
+"""The same bits on an AVR, whose floats are a library's: transpiled controllers, built as by Arduino, under simavr."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controller import Controller, Input, Output, load_controller, lower
+from controller.reference import run_program
+from firmware_gen import transpile
+from firmware_gen.vectors import bits_of, draw_inputs
+
+BITS = Path(__file__).parent / "bits"
+LAMPS = sorted((Path(__file__).parent / "golden").glob("*.controller.toml"))
+STEPS = 40
+RANDOM, RANDOM_LONG = 3, 40
+
+# the flags of Arduino's platform.txt, and warnings; nothing here forbids fusing but the file itself
+FLAGS = [
+    "-mmcu=atmega2560",
+    "-std=gnu11",
+    "-Os",
+    "-ffunction-sections",
+    "-fdata-sections",
+    "-flto",
+    "-Wl,--gc-sections",
+]
+WARNINGS = ["-Wall", "-Wextra", "-Wconversion", "-Wmissing-prototypes", "-Werror"]
+
+
+def run_command(*command, cwd):
+    assert shutil.which(command[0]), f"{command[0]} is not installed; .ci/system-packages fetches it"
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, f"{' '.join(command[:4])} …: {done.stderr[-2000:]}"
+    return done.stdout + done.stderr
+
+
+def run_on_avr(controller, rows, folder):
+    """Compile a controller for an ATmega2560 and step it there; return its selftest's answer and its outputs' bits."""
+    transpile(controller, folder, "it")
+    table = ",\n".join(
+        "{" + ", ".join(f"0x{word:08x}UL" for word in row) + "}" for row in rows.view(np.uint32).tolist()
+    )
+    (folder / "rows.h").write_text(
+        f'#include "it.h"\n#define ROWS_NINPUT {rows.shape[1]}\n#define ROWS_NOUTPUT {len(controller.outputs)}\n'
+        "#define ROWS_STATE it_state\n#define ROWS_SELFTEST it_selftest\n#define ROWS_INIT it_init\n"
+        f"#define ROWS_STEP it_step\nenum {{ kRowCount = {len(rows)}, kSteps = {STEPS} }};\n"
+        f"static const uint32_t kRows[][{rows.shape[1]}] PROGMEM = {{{table}}};\n"
+    )
+    run_command("avr-gcc", *FLAGS, *WARNINGS, f"-I{folder}", "it.c", str(BITS / "avr.c"), "-o", "it.elf", cwd=folder)
+    text = run_command("simavr", "-m", "atmega2560", "-f", "16000000", "it.elf", cwd=folder)
+    words = np.array([int(word, 16) for word in re.findall(r"([0-9a-f]{8})\.$", text, re.MULTILINE)], np.uint32)
+    assert len(words) == 1 + len(rows) * len(controller.outputs)
+    return words[0].astype(np.int32), words[1:].view(np.float32).reshape(len(rows), -1)
+
+
+def random_controller(programs, seed):
+    source = programs.large_source(np.random.default_rng(1000 + seed))
+    return Controller(
+        name=f"random{seed}",
+        period_s=0.02,
+        inputs=tuple(Input(terminal, "1", -4.0, 4.0) for terminal in programs.terminals),
+        outputs=tuple(Output(f"j{i}", "position", "deg", -50.0, 50.0, 1.5) for i in range(len(source.outputs))),
+        source=source,
+        program=lower(source, programs.terminals),
+    )
+
+
+def check(controller, folder):
+    words = np.random.default_rng(5).integers(0, 2**32, (2, STEPS, len(controller.inputs), 2), dtype=np.uint32)
+    words[0, ..., 1] = 0
+    sequences = draw_inputs(words, controller.inputs)
+    expected = [bits_of(run_program(controller.program, controller.period_s, rows)) for rows in sequences]
+    status, found = run_on_avr(controller, sequences.reshape(-1, sequences.shape[2]), folder)
+    assert status == 0
+    assert np.array_equal(bits_of(found), np.concatenate(expected))
+
+
+@pytest.mark.parametrize("path", LAMPS, ids=lambda path: path.name.split(".")[0])
+def test_evolved_controllers_have_the_references_bits(path, tmp_path):
+    check(load_controller(path), tmp_path)
+
+
+def test_random_programs_have_the_references_bits(programs, tmp_path, request):
+    for seed in range(RANDOM_LONG if request.config.getoption("--long") else RANDOM):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        check(random_controller(programs, seed), folder)
