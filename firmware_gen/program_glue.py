@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from firmware_gen.plain import plain
 from firmware_gen.unit import Unit
+
+_STEP: Final = (
+    "void sv_step(const sv_program* program, float dt, const float* inputs, float* registers, float* state, "
+    "float* outputs)"
+)
 
 
 def glue_source(unit: Unit) -> str:
@@ -33,8 +40,7 @@ void sv_reset(const sv_program* program, float* registers, float* state) {{
   {name}_init(({name}_state*)(void*)state);
 }}
 
-void sv_step(const sv_program* program, float dt, const float* inputs, float* registers, float* state,
-             float* outputs) {{
+{_STEP} {{
   (void)program;
   (void)dt;
   (void)registers;

@@ -159,7 +159,7 @@ def rig_source(rig: Rig, controller: Controller, fast_sync_read: bool = False) -
     lines += ["};", ""]
     if rig.sensors:
         lines += ["static const sv_sensor sensors[] = {"]
-        lines += [line for i, sensor in enumerate(rig.sensors) for line in _sensor(sensor, i in needed)]
+        lines += _rows((_sensor(sensor, i in needed), plain(sensor.name)) for i, sensor in enumerate(rig.sensors))
         lines += ["};", ""]
     return "\n".join([*lines, *_rig(rig, controller, fast_sync_read)])
 
@@ -220,7 +220,7 @@ def _safety(safety: Safety) -> str:
         ("watchdog_us", _us(safety.watchdog_s)),
         ("watchdog_count", round(safety.watchdog_s / _WATCHDOG_UNIT_S)),
     ]
-    return "\n".join(["{", *(f"  {line}" for line in _fields(values)), "  }"])
+    return "\n".join(["", "        {", *(f"        {line}" for line in _fields(values)), "        }"])
 
 
 def _joint_tables(rig: Rig, number: int, joint: Joint) -> list[str]:
@@ -228,11 +228,11 @@ def _joint_tables(rig: Rig, number: int, joint: Joint) -> list[str]:
     return [
         f"// joint {plain(joint.name)}, servo {joint.id}: {joint.product.name}",
         f"static const sv_check checks{number}[] = {{",
-        *(f"  {_check(row)},  // {row.register.name}" for row in check_rows(rig, joint)),
+        *_rows((_check(row), row.register.name) for row in check_rows(rig, joint)),
         "};",
         "",
         f"static const sv_setting settings{number}[] = {{",
-        *(f"  {{{_register(line)}, {count}}},  // {line.name}" for line, count in setting_counts(joint)),
+        *_rows((f"{{{_register(line)}, {count}}}", line.name) for line, count in setting_counts(joint)),
         "};",
         "",
     ]
@@ -295,7 +295,7 @@ def _joint(number: int, joint: Joint) -> list[str]:
         ("settings", f"settings{number}"),
         ("nsetting", f"(int32_t)(sizeof settings{number} / sizeof settings{number}[0])"),
     ]
-    return ["  {", *(f"  {text}" for text in _fields(values)), "  },"]
+    return ["    {", *(f"    {text}" for text in _fields(values)), "    },"]
 
 
 def _fastest(joint: Joint) -> int:
@@ -310,7 +310,7 @@ def _neutral(joint: Joint) -> int:
     return min(max(count, low), high)
 
 
-def _sensor(sensor: Sensor, needed: bool) -> list[str]:
+def _sensor(sensor: Sensor, needed: bool) -> str:
     values = [
         ("message", f"'{sensor.message}'"),
         ("field", sensor.field),
@@ -320,8 +320,7 @@ def _sensor(sensor: Sensor, needed: bool) -> list[str]:
         ("latency_us", _us(sensor.latency_s)),
         ("age_us_max", _us(sensor.age_s_max)),
     ]
-    listed = ", ".join(f".{name} = {value}" for name, value in values)
-    return [f"  {{{listed}}},  // {plain(sensor.name)}"]
+    return f"{{{', '.join(str(value) for _, value in values)}}}"
 
 
 def _cycle(spec: CycleSpec) -> list[str]:
@@ -340,11 +339,11 @@ def _cycle(spec: CycleSpec) -> list[str]:
     ]
     if spec.terminals:
         lines += ["static const sv_terminal terminals[] = {"]
-        lines += [f"  {_terminal(one)},  // {plain(one.name)}" for one in spec.terminals]
+        lines += _rows((_terminal(one), plain(one.name)) for one in spec.terminals)
         lines += ["};", ""]
     lines += ["static const sv_output outputs[] = {"]
     for output in spec.outputs:
-        lines += [f"  {{  // {plain(output.name)}", *(f"  {text}" for text in _output(output)), "  },"]
+        lines += ["    {", f"        // {plain(output.name)}", *(f"    {text}" for text in _output(output)), "    },"]
     return [
         *lines,
         "};",
@@ -400,7 +399,14 @@ def _register(line: Register | None) -> str:
 
 
 def _fields(values: Iterable[tuple[str, object]]) -> list[str]:
-    return [f"    .{name} = {value}," for name, value in values]
+    return [f"    .{name} =" + f" {value},".replace(" \n", "\n") for name, value in values]
+
+
+def _rows(values: Iterable[tuple[str, str]]) -> list[str]:
+    """Write the rows of a table, each with what it is about."""
+    rows = [(f"    {text},", name) for text, name in values]
+    width = max(len(text) for text, _ in rows)
+    return [f"{text:<{width}}  // {name}" for text, name in rows]
 
 
 def _pair(block: Sequence[int]) -> str:
