@@ -34,22 +34,28 @@ typedef struct {
   int64_t t_us;    // when it had been read, or was given up
 } sv_reply;
 
+// Replies of `size` bytes that were lost together.
 typedef struct {
-  uint8_t id;
-  int32_t size;      // data bytes that were asked for
-  int64_t until_us;  // it will not come after this
+  uint16_t size;      // data bytes that were asked for
+  uint16_t joints;    // a bit each
+  uint32_t until_us;  // they will not come after this; wraps
 } sv_late;
 
 typedef struct {
   const sv_rig* rig;
-  uint8_t received[2 * SV_FRAME_MAX];  // bytes of the transaction that are not used yet
+  uint8_t received[SV_FRAME_MAX];  // bytes of the transaction that are not used yet
   int32_t nreceived;
-  uint8_t frame[SV_FRAME_MAX];  // what is being sent
+  uint8_t frame[SV_FRAME_MAX];  // what has been sent last
+  int32_t nframe;
   sv_late late[SV_LATE_MAX];
+  int32_t nlate;
   uint32_t silent;  // by joint: asked last, where it keeps nobody waiting
   int32_t strays;   // bytes that answered nothing that was asked
   int32_t strays_seen[SV_JOINT_MAX];
-  int64_t line_free_us;
+  int32_t echoed;        // whether the line has given back what was sent
+  int64_t line_from_us;  // the line is busy from here,
+  int32_t line_nbyte;    // for as long as these need
+  int64_t deadline_us;
   int64_t patience_us;
   uint32_t nbyte;  // bytes sent and received
 } sv_bus;
@@ -72,11 +78,15 @@ void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* repl
 // Write the same registers of every joint: data (njoint, size); nobody replies.
 void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t* data);
 
+// Make the packet of sv_bus_sync_write without sending it: => frame (SV_FRAME_MAX); return its bytes, 0 if it does not
+// fit. Needs no bus: for fault handlers.
+int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size, const uint8_t* data, uint8_t* frame);
+
 // Read one register, trying again where the reply is lost: => count; return the last reply.
 sv_reply sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count);
 
-// Write one register and read it back; return the last reply, and whether the register holds the count: => held, count
-// read.
+// Write one register and read it back: => the count that it holds then, where the reply is SV_REPLY_DATA; return the
+// last reply.
 sv_reply sv_bus_write_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t count, int32_t attempts,
                                int32_t* held);
 

@@ -1,0 +1,227 @@
+#include "sv_bus.h"
+
+#include "sv_bus_late.h"
+#include "sv_bus_line.h"
+#include "sv_bus_replies.h"
+#include "sv_hal.h"
+#include "sv_packets1.h"
+#include "sv_packets2.h"
+
+#define SV_MODEL_ADDRESS1 3
+#define SV_MODEL_SIZE1 2
+#define SV_PONG_SIZE2 3  // model and firmware
+
+// questions
+
+static int32_t sv_is_dynamixel(const sv_rig* rig) { return rig->protocol == SV_DYNAMIXEL2; }
+
+// Return where a frame's parameters begin. What puts some there returns where the next go.
+static int32_t sv_parameters(const sv_rig* rig) {
+  return sv_is_dynamixel(rig) ? SV_PACKET2_PARAMETERS : SV_PACKET1_PARAMETERS;
+}
+
+// Put bytes; the end of the frame where they do not fit, which no packet may reach.
+static int32_t sv_put_bytes(uint8_t* frame, int32_t at, const uint8_t* bytes, int32_t n) {
+  if (n > SV_FRAME_MAX - at) {
+    return SV_FRAME_MAX;
+  }
+  for (int32_t i = 0; i < n; i++) {
+    frame[at + i] = bytes[i];
+  }
+  return at + n;
+}
+
+// Put an address or a size, as long as the protocol writes it.
+static int32_t sv_put(const sv_rig* rig, uint8_t* frame, int32_t at, int32_t value) {
+  const uint8_t bytes[2] = {(uint8_t)value, (uint8_t)(value >> 8)};
+  return sv_put_bytes(frame, at, bytes, sv_is_dynamixel(rig) ? 2 : 1);
+}
+
+// Frame the parameters that end at `end`: return the frame's bytes, 0 if it does not fit. The instructions have the
+// same numbers in both protocols.
+static int32_t sv_seal(const sv_rig* rig, uint8_t* frame, uint8_t id, uint8_t instruction, int32_t end) {
+  const int32_t n = end - sv_parameters(rig);
+  return sv_is_dynamixel(rig) ? sv_packet2_seal(frame, SV_FRAME_MAX, id, instruction, n)
+                              : sv_packet1_seal(frame, SV_FRAME_MAX, id, instruction, n);
+}
+
+// Send the parameters that end at `end`; return whether the packet went out.
+static int32_t sv_send(sv_bus* bus, uint8_t id, uint8_t instruction, int32_t end) {
+  bus->nframe = sv_seal(bus->rig, bus->frame, id, instruction, end);
+  return bus->nframe > 0 && sv_bus_send(bus);
+}
+
+static int32_t sv_send_ping(sv_bus* bus, int32_t joint) {
+  return sv_send(bus, bus->rig->joints[joint].id, SV_PING2, sv_parameters(bus->rig));
+}
+
+static int32_t sv_send_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size) {
+  int32_t at = sv_put(bus->rig, bus->frame, sv_parameters(bus->rig), address);
+  at = sv_put(bus->rig, bus->frame, at, size);
+  return sv_send(bus, bus->rig->joints[joint].id, SV_READ2, at);
+}
+
+static int32_t sv_send_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
+  int32_t at = sv_put(bus->rig, bus->frame, sv_parameters(bus->rig), address);
+  at = sv_put_bytes(bus->frame, at, data, size);
+  return sv_send(bus, bus->rig->joints[joint].id, SV_WRITE2, at);
+}
+
+static int32_t sv_send_sync_read(sv_bus* bus, const sv_asked* asked, int32_t address) {
+  int32_t at = sv_put(bus->rig, bus->frame, sv_parameters(bus->rig), address);
+  at = sv_put(bus->rig, bus->frame, at, asked->size);
+  for (int32_t i = 0; i < asked->n; i++) {
+    at = sv_put_bytes(bus->frame, at, &bus->rig->joints[asked->joints[i]].id, 1);
+  }
+  return sv_send(bus, SV_PACKET2_BROADCAST, asked->fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at);
+}
+
+int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size, const uint8_t* data, uint8_t* frame) {
+  int32_t at = sv_put(rig, frame, sv_parameters(rig), address);
+  at = sv_put(rig, frame, at, size);
+  for (int32_t joint = 0; joint < rig->njoint; joint++) {
+    at = sv_put_bytes(frame, at, &rig->joints[joint].id, 1);
+    at = sv_put_bytes(frame, at, data + joint * size, size);
+  }
+  return sv_seal(rig, frame, SV_PACKET2_BROADCAST, SV_SYNC_WRITE2, at);
+}
+
+// transactions
+
+void sv_bus_init(sv_bus* bus, const sv_rig* rig) {
+  bus->rig = rig;
+  bus->nreceived = 0;
+  bus->nframe = 0;
+  bus->nlate = 0;
+  bus->silent = 0;
+  bus->strays = 0;
+  for (int32_t i = 0; i < SV_JOINT_MAX; i++) {
+    bus->strays_seen[i] = 0;
+  }
+  bus->echoed = 0;
+  bus->line_from_us = 0;
+  bus->line_nbyte = 0;
+  bus->deadline_us = 0;
+  bus->patience_us = rig->patience_us;
+  bus->nbyte = 0;
+}
+
+// Wait for one joint's reply of `size` data bytes, if the question was sent: => the first `wanted` of them.
+static sv_reply sv_answer(sv_bus* bus, int32_t sent, int32_t joint, int32_t size, int32_t wanted, uint8_t* data) {
+  sv_reply reply = sv_bus_no_reply(SV_REPLY_MISSING);
+  if (sent) {
+    const sv_asked asked = {{(uint8_t)joint}, 1, joint, 0, size};
+    sv_bus_receive(bus, &asked, wanted, &reply, data);
+  }
+  return reply;
+}
+
+sv_reply sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model) {
+  uint8_t data[SV_PONG_SIZE2] = {0};
+  *model = 0;
+  bus->echoed = 0;
+  const int32_t size = sv_is_dynamixel(bus->rig) ? SV_PONG_SIZE2 : 0;
+  sv_reply reply = sv_answer(bus, sv_send_ping(bus, joint), joint, size, size, data);
+  if (!sv_is_dynamixel(bus->rig) && (reply.status != SV_REPLY_MISSING || bus->echoed)) {
+    // the answer of a servo whose only error is its voltage equals the question: what it says next is no echo
+    reply = sv_bus_read(bus, joint, SV_MODEL_ADDRESS1, SV_MODEL_SIZE1, data);
+  }
+  if (reply.status == SV_REPLY_DATA) {
+    *model = (uint16_t)(data[0] | data[1] << 8);
+  }
+  return reply;
+}
+
+sv_reply sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, uint8_t* data) {
+  const int32_t asked = sv_bus_unlike_late(bus, 1U << joint, size);
+  sv_reply reply = sv_answer(bus, sv_send_read(bus, joint, address, asked), joint, asked, size, data);
+  if (reply.status == SV_REPLY_REFUSED && asked != size) {  // there is nothing behind the block
+    reply = sv_answer(bus, sv_send_read(bus, joint, address, size), joint, size, size, data);
+  }
+  return reply;
+}
+
+sv_reply sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
+  return sv_answer(bus, sv_send_write(bus, joint, address, data, size), joint, 0, 0, 0);
+}
+
+// Ask joints for `size` data bytes and perhaps a few more: => replies, data (by joint).
+static void sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address, int32_t size, sv_reply* replies,
+                              uint8_t* data) {
+  uint32_t joints = 0;
+  for (int32_t i = 0; i < asked->n; i++) {
+    joints |= 1U << asked->joints[i];
+  }
+  asked->size = sv_bus_unlike_late(bus, joints, size);
+  asked->fast = bus->rig->fast_sync_read && sv_bus_fast_size(asked) <= (int32_t)sizeof bus->received;
+  if (sv_send_sync_read(bus, asked, address)) {
+    sv_bus_receive(bus, asked, size, replies, data);
+    return;
+  }
+  for (int32_t i = 0; i < asked->n; i++) {
+    replies[asked->joints[i]] = sv_bus_no_reply(SV_REPLY_MISSING);
+  }
+}
+
+// Servos answer in the order of the question, each after the one before it, so a silent one silences all behind it.
+void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
+  sv_asked order = {{0}, 0, 0, 0, 0};
+  for (uint32_t silent = 0; silent <= 1; silent++) {
+    for (int32_t joint = 0; joint < bus->rig->njoint; joint++) {
+      if ((bus->silent >> joint & 1U) == silent) {
+        order.joints[order.n++] = (uint8_t)joint;
+      }
+    }
+  }
+  sv_sync_read_once(bus, &order, address, size, replies, data);
+  int32_t first_silent = order.n;
+  while (first_silent > 0 && replies[order.joints[first_silent - 1]].status == SV_REPLY_MISSING) {
+    first_silent--;
+  }
+  // those behind it are asked once more without it, and from then on it is asked last, where it keeps nobody waiting
+  sv_asked behind = {{0}, 0, 0, 0, 0};
+  int32_t waiting = 0;
+  for (int32_t i = first_silent + 1; i < order.n; i++) {
+    behind.joints[behind.n++] = order.joints[i];
+    waiting = waiting || (bus->silent >> order.joints[i] & 1U) == 0;
+  }
+  if (waiting) {
+    bus->silent |= 1U << order.joints[first_silent];
+    sv_sync_read_once(bus, &behind, address, size, replies, data);
+  }
+  for (int32_t joint = 0; joint < bus->rig->njoint; joint++) {
+    if (replies[joint].status != SV_REPLY_MISSING) {
+      bus->silent &= ~(1U << joint);
+    }
+  }
+}
+
+void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t* data) {
+  bus->nframe = sv_bus_sync_write_frame(bus->rig, address, size, data, bus->frame);
+  if (bus->nframe > 0) {
+    sv_bus_send(bus);
+  }
+}
+
+sv_reply sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count) {
+  uint8_t data[sizeof(int32_t)] = {0};
+  sv_reply reply = sv_bus_no_reply(SV_REPLY_MISSING);
+  for (int32_t i = 0; i < attempts && reply.status >= SV_REPLY_MISSING; i++) {
+    reply = sv_bus_read(bus, joint, reg->address, reg->size, data);
+  }
+  *count = reply.status == SV_REPLY_DATA ? sv_register_decode(reg, data) : 0;
+  return reply;
+}
+
+sv_reply sv_bus_write_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t count, int32_t attempts,
+                               int32_t* held) {
+  uint8_t data[sizeof(int32_t)] = {0};
+  *held = 0;
+  sv_register_encode(reg, count, data);
+  sv_reply reply = sv_bus_no_reply(SV_REPLY_MISSING);
+  for (int32_t i = 0; i < attempts && reply.status >= SV_REPLY_MISSING; i++) {
+    reply = sv_bus_write(bus, joint, reg->address, data, reg->size);
+  }
+  // a lost answer tells nothing: what the register holds does
+  return reply.status == SV_REPLY_REFUSED ? reply : sv_bus_read_register(bus, joint, reg, attempts, held);
+}

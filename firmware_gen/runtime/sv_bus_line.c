@@ -1,0 +1,91 @@
+#include "sv_bus_line.h"
+
+#include "sv_hal.h"
+
+#define SV_BITS_PER_BYTE 10U
+#define SV_NBYTE_MAX 16384  // of one stretch in which the line is busy
+#define SV_FLUSH_MAX 256    // reads that a flush may take: no babbling line holds it up
+
+// Return how long bytes are on the line [us], rounded up; 1e7 * nbyte / baud in 32 bits.
+static int32_t sv_line_us(const sv_bus* bus, int32_t nbyte) {
+  const uint32_t baud = (uint32_t)bus->rig->baud;
+  const uint32_t whole = SV_BITS_PER_BYTE * 1000000U / baud;
+  const uint32_t part = SV_BITS_PER_BYTE * 1000000U % baud;
+  uint32_t us = 0;
+  uint32_t rest = 0;
+  for (int32_t bit = 16; bit >= 0; bit--) {
+    us = 2 * us + (2 * rest >= baud);
+    rest = 2 * rest >= baud ? 2 * rest - baud : 2 * rest;
+    if (nbyte >> bit & 1) {
+      us += whole + (rest + part >= baud);
+      rest = rest + part >= baud ? rest + part - baud : rest + part;
+    }
+  }
+  return (int32_t)(us + (rest > 0));
+}
+
+// Note that bytes go out from now on, behind those that are still on the line.
+static void sv_occupy(sv_bus* bus, int64_t now_us, int32_t nbyte) {
+  const int64_t free_us = bus->line_from_us + sv_line_us(bus, bus->line_nbyte);
+  if (now_us >= free_us || bus->line_nbyte > SV_NBYTE_MAX) {
+    bus->line_from_us = now_us > free_us ? now_us : free_us;
+    bus->line_nbyte = 0;
+  }
+  bus->line_nbyte += nbyte;
+}
+
+// Drop every byte that waits: it answers nothing that will be asked now.
+static void sv_flush(sv_bus* bus) {
+  bus->nreceived = 0;
+  for (int32_t i = 0; i < SV_FLUSH_MAX; i++) {
+    const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received, (int32_t)sizeof bus->received);
+    if (n <= 0) {
+      return;
+    }
+    bus->strays += n;
+    bus->nbyte += (uint32_t)n;
+  }
+}
+
+int32_t sv_bus_send(sv_bus* bus) {
+  sv_flush(bus);
+  const int64_t begin_us = sv_hal_now_us();
+  if (sv_hal_write(SV_LINE_BUS, bus->frame, bus->nframe) != bus->nframe) {
+    return 0;
+  }
+  bus->nbyte += (uint32_t)bus->nframe;
+  sv_occupy(bus, begin_us, bus->nframe);
+  return 1;
+}
+
+void sv_bus_expect(sv_bus* bus, int32_t nbyte, int32_t nreply) {
+  const int64_t now_us = sv_hal_now_us();
+  const int32_t busy = now_us < bus->line_from_us + sv_line_us(bus, bus->line_nbyte);
+  bus->deadline_us =
+      busy ? bus->line_from_us + sv_line_us(bus, bus->line_nbyte + nbyte) : now_us + sv_line_us(bus, nbyte);
+  bus->deadline_us += nreply * bus->rig->return_delay_us + bus->patience_us;
+}
+
+int32_t sv_bus_take(sv_bus* bus) {
+  const int32_t room = (int32_t)sizeof bus->received - bus->nreceived;
+  while (room > 0) {
+    const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received + bus->nreceived, room);
+    if (n > 0) {
+      bus->nreceived += n;
+      bus->nbyte += (uint32_t)n;
+      return 1;
+    }
+    if (sv_hal_now_us() >= bus->deadline_us) {
+      return 0;
+    }
+    sv_hal_wait(bus->deadline_us);
+  }
+  return 0;
+}
+
+void sv_bus_drop(sv_bus* bus, int32_t n) {
+  for (int32_t i = n; i < bus->nreceived; i++) {
+    bus->received[i - n] = bus->received[i];
+  }
+  bus->nreceived -= n;
+}

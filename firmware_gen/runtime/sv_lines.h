@@ -1,0 +1,78 @@
+// The sensor node's lines, $F,<seq>,<t_us>,<raw...>*HH: checked, dated, and held with their age.
+//
+// Whatever arrives, reading goes on: a line starts at a $ wherever one stands, ends at a line end, and counts only if
+// its check matches: HH is the exclusive or of the bytes between $ and *. A line that starts with E is an emergency
+// stop.
+//
+// A line arrives some time after its sample, and is read some time after that. The smallest difference of the last
+// second between our time and the node's, less the latency that the rig states, dates every sample, so reading late
+// does not make a sample look young. That second's differences are kept as at most SV_WINDOW_MAX, each the
+// smallest since, and those of one eighth of a second count as one: memory is fixed, and a difference may date samples
+// for up to an eighth of a second longer than a second. That makes a sample look older, never younger, by no more than
+// what the clocks drift apart in the eighth: 1.25 ms at 1 %.
+
+#ifndef SV_LINES_H_
+#define SV_LINES_H_
+
+#include <stdint.h>
+
+#include "sv_rig.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define SV_LINE_BYTES_MAX 200  // of a line, from behind its $ to before its end
+#define SV_MESSAGE_MAX 4       // letters that a rig's lines have
+#define SV_WINDOW_MAX 9        // differences of a second
+
+// A difference of the clocks, the smallest since it was seen.
+typedef struct {
+  uint32_t seen_us;   // wraps
+  uint32_t above_us;  // above the channel's least_us
+} sv_difference;
+
+// The newest line of one letter, and how the node's clock stands to ours.
+typedef struct {
+  char message;
+  uint8_t seen;        // whether a line has come
+  uint8_t width;       // integers that a line must have
+  int32_t latency_us;  // from a sample to its line's last byte
+  int64_t seq;         // the node's line counter
+  int64_t t_us;        // the node's time of the sample
+  int64_t sampled_us;  // our time of it
+  int64_t updated_us;  // when the line was read
+  int64_t offset_us;   // our time less the node's, less the latency
+  int64_t least_us;    // the smallest of the last second: the first one
+  int32_t ndifference;
+  sv_difference differences[SV_WINDOW_MAX];  // oldest first, rising
+} sv_channel;
+
+typedef struct {
+  uint8_t open[SV_LINE_BYTES_MAX];
+  int32_t nopen;  // < 0: no line has started
+  int32_t nchannel;
+  sv_channel channels[SV_MESSAGE_MAX];
+  uint8_t channel_of[SV_SENSOR_MAX];
+  int32_t raw[SV_SENSOR_MAX];
+  int32_t lost;  // lines, by their counters
+  uint8_t emergency_stop;
+} sv_lines;
+
+// Start without lines. A rig's lines have no more than SV_MESSAGE_MAX letters; sensors of others are never read.
+void sv_lines_init(sv_lines* lines, const sv_rig* rig);
+
+// Take n bytes that the sensor line gave.
+void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, int64_t now_us);
+
+// Return whether a sensor's line has come: => its newest counts, untouched if not.
+int32_t sv_lines_raw(const sv_lines* lines, int32_t sensor, int32_t* raw);
+
+// Return how old a sensor's counts are [us], -1 before its first line.
+int64_t sv_lines_age_us(const sv_lines* lines, int32_t sensor, int64_t now_us);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif  // SV_LINES_H_
