@@ -15,8 +15,8 @@ _REST_SPEED_RAD_S: Final = 0.06
 _REST_S_MAX: Final = 10.0
 _APPROACH_HZ: Final = 4.0
 """Speed by distance of a joint that is driven by its speed [1/s]: it slows down over the last quarter of a second."""
-_NEAR_RAD: Final = 0.05
-"""How near to neutral such a joint must be: friction may stop it a little earlier."""
+_NEAR_RAD: Final = 0.08
+"""How near to neutral such a joint must be: friction, or the load that it bears, may stop it a little earlier."""
 
 Goals: TypeAlias = Callable[[int], Sequence[int]]
 """Gives the goals of a period by its number [counts], (njoint,)."""

@@ -210,6 +210,8 @@ def _run(
         return [int(goal) for goal in goals]
 
     cycle.reset()
+    if periods.rig.joints[0].mode == "velocity":
+        periods.goals = (0,) * len(periods.rig.joints)  # the cycle's slew starts at rest, at whatever speed homing ended
     words = CycleWords(periods.rig, controller)
     machine.enter(State.RUNNING, "at rest in neutral, sensors are fresh")
     _look(periods)

@@ -84,6 +84,18 @@ def test_a_latency_of_the_twin_delays_velocities_too():
     assert 0.002 * (paths[1] - paths[0]) == pytest.approx(0.05, abs=0.005)
 
 
+@pytest.mark.parametrize("start", ["settled", "limp"])
+def test_a_controller_with_a_slew_limit_starts_wherever_homing_ended(tmp_path, start):
+    """A limp body lets its joints come to rest a little off neutral, with a speed still asked for."""
+    bench = Bench(tmp_path, rig=JUMPER, start=start)
+    bench.virtual.advance(1.0)
+    text = TURN.replace("period_s = 0.02", "period_s = 0.02\nslew_rad_s = 20.0").replace("0.5 (osc", "-2 (osc")
+    outcome = bench.run(seconds=0.5, controller=parse_controller(text, "turn"))
+    assert outcome.done, outcome.reason
+    steps = np.diff([goal for _, goal in bench.goals()["a0"]][-27:-2])
+    assert np.abs(steps).max() * UNIT <= 20.0 * 0.02 + UNIT
+
+
 def test_the_host_loop_drives_it_and_leaves_it_off(tmp_path):
     bench = Bench(tmp_path, rig=JUMPER)
     outcome = bench.run(seconds=2.0, controller=parse_controller(TURN, "turn"))
