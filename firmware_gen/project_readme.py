@@ -147,12 +147,14 @@ def _stops(rig: Rig) -> list[str]:
         "the program hangs or faults: the board's watchdog or fault handler takes the torque and resets.",
     )
     if safety.watchdog_s > 0.0:
-        alone = f"If the board dies or a wire breaks, the servos' own bus watchdogs stop them after {safety.watchdog_s:g} s."
+        alone = (
+            f"If the board dies or a wire breaks, the servos' bus watchdogs stop them after {safety.watchdog_s:g} s."
+        )
     else:
         alone = (
             "**If the board dies or a wire breaks, nothing on the servos stops them**: their bus watchdogs are off, or "
-            "they have none, as Feetech's STS. They go on with the last goal until their own overload protection or you "
-            "cut them off. Put a switch into their supply, and keep it at hand."
+            "they have none, as Feetech's STS. They go on with the last goal until their overload protection or you cut "
+            "them off. Put a switch into their supply, and keep it at hand."
         )
     return [
         "## What stops it",
