@@ -19,6 +19,7 @@ _COMMANDS = {
     "eval": ("servolve.evaluate:evaluate", "Run a controller's program over the rows of a CSV file, bit by bit."),
     "simulate": ("servolve.simulate:simulate", "Simulate a controller, and log or film it."),
     "transpile": ("servolve.transpile:transpile", "Write a controller as C99."),
+    "firmware": ("servolve.firmware:firmware", "Write a controller as a firmware project for a board."),
     "study": ("servolve.study:study", "Rerun a convergence experiment of the founding papers."),
     "rig": ("servolve.rig:app", "List the rigs, and serve virtual ones to other programs."),
     "deploy": ("servolve.deploy:deploy", "Run a controller on a virtual or a real rig."),
