@@ -11,6 +11,7 @@ from controller.toml_table import Table, read_toml
 
 BOARDS: Final = Path(__file__).resolve().parent / "boards"
 _FILE: Final = "board.toml"
+_TOOLCHAIN: Final = "toolchain.cmake"
 
 
 @dataclass(frozen=True)
@@ -99,6 +100,8 @@ def _board(top: Table, folder: Path) -> Board:
     top.refuse_unknown(("format", "board", "flash"))
     head = top.table("board")
     head.refuse_unknown([field.name for field in fields(Board) if field.name not in ("name", "folder", "flash")])
+    if not (folder / _TOOLCHAIN).is_file():
+        raise InputError(f"{folder}: has no {_TOOLCHAIN}; add one that names the compiler, or an empty one")
     sources = _texts(head, "sources")
     for source in sources:
         if not (folder / source).is_file() or "/" in source:

@@ -20,7 +20,7 @@ def image_size(image: Path) -> dict[str, int]:
         image: path of the image
 
     Returns:
-        text_bytes: what is kept in flash, code and constants, with the initial values of variables; ram_bytes: variables
+        text_bytes: what is kept in flash: code, constants, initial values of variables; ram_bytes: variables
 
     Raises:
         RunError: it is no ELF file

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
@@ -41,6 +42,7 @@ SHARED: Final = (
 """Files of the controller's runtime that the firmware is built from, as host loop and simulation are."""
 
 _BUILD: Final = "build"
+_TOOLCHAIN: Final = "board/toolchain.cmake"
 _RESERVED: Final = frozenset({"main", "program", "rig", "servolve", "sv"})
 
 
@@ -116,6 +118,8 @@ def write_project(project: Project, folder: Path, force: bool = False) -> None:
         before = _written_before(folder)
         if not force:
             _refuse_others(folder, before)
+        if before.get(_TOOLCHAIN) != hashlib.sha256(project.files[_TOOLCHAIN].encode()).hexdigest():
+            _drop_build(folder)
         for path in sorted(before.keys() - project.files.keys()):
             if _digest(folder / path) == before[path]:
                 (folder / path).unlink()
@@ -127,6 +131,13 @@ def write_project(project: Project, folder: Path, force: bool = False) -> None:
     except OSError as error:
         where = error.filename if error.filename is not None else folder
         raise InputError(f"{where}: {error.strerror}; give --out a folder that can be written") from None
+
+
+def _drop_build(folder: Path) -> None:
+    """Remove what another board's compiler was set up for: CMake would go on with it."""
+    build = folder / _BUILD
+    if (build / "CMakeCache.txt").is_file() and not build.is_symlink():
+        shutil.rmtree(build)
 
 
 def _refuse_others(folder: Path, before: Mapping[str, str]) -> None:

@@ -39,7 +39,9 @@ def readme_text(controller: Controller, rig: Rig, board: Board) -> str:
         [
             f"# {plain(controller.name)} on {plain(rig.name)}: firmware for {plain(board.name)}",
             "",
-            f"Board: {board.title} ({board.chip}). What this folder was made from stands in `servolve.json`.",
+            *_wrapped(
+                f"Board: {board.title} ({board.chip}). What this folder was made from stands in `servolve.json`."
+            ),
             "",
             *_build(board),
             *_flash(board),
@@ -153,8 +155,8 @@ def _stops(rig: Rig) -> list[str]:
     else:
         alone = (
             "**If the board dies or a wire breaks, nothing on the servos stops them**: their bus watchdogs are off, or "
-            "they have none, as Feetech's STS. They go on with the last goal until their overload protection or you cut "
-            "them off. Put a switch into their supply, and keep it at hand."
+            "they have none, as Feetech's STS. They go on with the last goal until their overload protection or you "
+            "cut them off. Put a switch into their supply, and keep it at hand."
         )
     return [
         "## What stops it",

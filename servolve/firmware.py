@@ -35,7 +35,7 @@ def firmware(
     Args:
         controller: a controller file, or a run folder (its best)
         rig: name that `servolve rig list` prints, or path of a rig file; left out: the one it was evolved on
-        board: name of a board, or path of a folder with a board.toml; a name that is not known is answered with the list
+        board: name of a board, or path of a folder with a board.toml; a wrong name is answered with the list
         out: the folder to write to
         build: build it too, with CMake
         force: write although other files are there
