@@ -80,11 +80,9 @@ def command_lines(unit: Unit) -> list[str]:
         *(_follow(unit) if unit.follows else []),
         f"void {name}_command({name}_state* state, const float outputs[{name}_noutput], "
         f"float command[{name}_noutput]) {{",
-        "  int32_t i;",
         *([] if unit.follows else ["  (void)state;"]),
-        f"  for (i = 0; i < {name}_noutput; i++) {{",
-        "    command[i] = outputs[i];",
-        "  }",
+        # one by one, so that no compiler makes a loop or a call of memcpy of it
+        *[f"  command[{place}] = outputs[{place}];" for place in (_place(unit, o) for o in unit.controller.outputs)],
         f"  {name}_clamp(command);",
     ]
     for output in unit.controller.outputs:

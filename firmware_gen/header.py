@@ -11,7 +11,7 @@ from controller.controller import Input, Output
 from controller.decimals import format_decimal
 from firmware_gen.names import mangle
 from firmware_gen.unit import GENERATOR_VERSION, Unit
-from firmware_gen.vectors import STEPS_HARD, STEPS_USUAL
+from firmware_gen.vectors import STEPS_HARD, STEPS_LOOP, STEPS_USUAL
 
 
 def header_text(unit: Unit) -> str:
@@ -86,7 +86,7 @@ def input_dimension(unit: Unit) -> str:
 def _manual(unit: Unit) -> list[str]:
     name = unit.name
     step_words = len(unit.controller.inputs) + 3 * len(unit.controller.outputs)
-    table_bytes = 4 * (STEPS_USUAL + STEPS_HARD) * step_words
+    table_bytes = 4 * ((STEPS_USUAL + STEPS_HARD) * step_words + STEPS_LOOP * len(unit.controller.outputs))
     program = [f"//   {line}" for line in format_source(unit.controller.source).splitlines()]
     return [
         f"//   period      {_number(unit.controller.period_s)} s",
@@ -173,7 +173,7 @@ def _functions(unit: Unit) -> list[str]:
         "// Check this build on this machine against the recorded answers of the reference. Returns 0: the same bits;",
         "// n > 0: step n of the recording differs; -1: subnormals are flushed to zero; -2: products are fused with",
         "// sums; -3: rounding is not to nearest even; -4: the clamp is wrong; -5: a copied function is wrong;",
-        "// -6: the command is wrong.",
+        "// -6: the command is wrong; -7: a closed loop, whose inputs follow its commands, goes another way.",
         f"int32_t {name}_selftest(void);",
         "",
     ]

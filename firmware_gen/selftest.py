@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from firmware_gen.closed_loop import closed_loop_lines
 from firmware_gen.function_check import calls_functions, function_check_lines
 from firmware_gen.header import input_dimension
 from firmware_gen.literals import literal
@@ -27,10 +28,12 @@ def selftest_lines(unit: Unit, vectors: Vectors) -> list[str]:
         *_table(unit, "recorded_outputs", "the reference's outputs", vectors.outputs),
         *_table(unit, "recorded_values", "outputs that try the output stage", vectors.values),
         *_table(unit, "recorded_commands", "the reference's commands for them", vectors.commands),
+        *_table(unit, "recorded_loop", "the reference's outputs in a closed loop", vectors.loop),
         *_arithmetic(unit),
         *function_check_lines(unit),
         *_clamp_check(unit),
         *_command_check(unit, vectors),
+        *closed_loop_lines(unit, vectors),
         *_selftest(unit, vectors),
     ]
 
@@ -209,6 +212,9 @@ def _selftest(unit: Unit, vectors: Vectors) -> list[str]:
         f"  if (!{name}_clamp_check()) {{",
         "    return -4;",
         "  }",
-        f"  return {name}_command_check() ? 0 : -6;",
+        f"  if (!{name}_command_check()) {{",
+        "    return -6;",
+        "  }",
+        f"  return {name}_closed_loop() ? 0 : -7;",
         "}",
     ]

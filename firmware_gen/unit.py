@@ -17,7 +17,7 @@ from firmware_gen.literals import literal
 from firmware_gen.names import check_c_name, local_prefix, mangle, unit_name
 from firmware_gen.runtime_functions import RuntimeFunction, called_functions, operations_of, read_runtime_functions
 
-GENERATOR_VERSION: Final = 2
+GENERATOR_VERSION: Final = 3
 """Changes whenever the same controller gives other files."""
 
 

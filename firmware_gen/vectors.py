@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from controller import Controller, Input, program_hash
 from controller.cycle import slew_step, unit_scale
-from controller.reference import ReferenceCommand, run_program
+from controller.reference import ReferenceCommand, ReferenceProgram, run_program
 
 Floats = npt.NDArray[np.float32]
 
@@ -49,9 +49,16 @@ STEPS_HARD: Final = 12
 """Steps of its second sequence, from a new start: special values among them."""
 
 
+STEPS_LOOP: Final = 32
+"""Steps of its closed loop: every input follows a command."""
+
+LOOP_PART: Final = np.float32(0.25)
+"""The part of the way to its command that an input goes in a step of the closed loop."""
+
+
 @dataclass(frozen=True)
 class Vectors:
-    """Hold a recorded run: two sequences of steps, each from a new start.
+    """Hold a recorded run: two sequences of steps, each from a new start, the output stage, and a closed loop.
 
     Args:
         inputs: bit patterns, uint32, (nstep, ninput)
@@ -59,6 +66,8 @@ class Vectors:
         second: the step at which the second sequence starts
         values: bit patterns of outputs that try the output stage, of one sequence, uint32, (nstep, noutput)
         commands: what it makes of them, uint32, (nstep, noutput)
+        loop: outputs where every input follows a command, from the first inputs and a new start, uint32, (nstep,
+            noutput)
     """
 
     inputs: npt.NDArray[np.uint32]
@@ -66,6 +75,7 @@ class Vectors:
     second: int
     values: npt.NDArray[np.uint32]
     commands: npt.NDArray[np.uint32]
+    loop: npt.NDArray[np.uint32]
 
 
 def bits_of(values: Floats) -> npt.NDArray[np.uint32]:
@@ -121,7 +131,42 @@ def selftest_vectors(controller: Controller) -> Vectors:
         for rows in (inputs[:STEPS_USUAL], inputs[STEPS_USUAL:])
     ]
     values, commands = _command_vectors(controller)
-    return Vectors(bits_of(inputs), bits_of(np.concatenate(outputs)), STEPS_USUAL, bits_of(values), bits_of(commands))
+    return Vectors(
+        inputs=bits_of(inputs),
+        outputs=bits_of(np.concatenate(outputs)),
+        second=STEPS_USUAL,
+        values=bits_of(values),
+        commands=bits_of(commands),
+        loop=bits_of(closed_loop(controller, inputs[0])),
+    )
+
+
+def closed_loop(controller: Controller, first: Floats) -> Floats:
+    """Run the reference on its own commands: input i goes a quarter of the way to command i mod noutput each step.
+
+    Inputs keep to their ranges; program and output stage carry their state from step to step.
+
+    Args:
+        controller: the controller
+        first: inputs of the first step, within their ranges, (ninput,)
+
+    Returns:
+        the program's outputs, (nstep, noutput)
+    """
+    program = ReferenceProgram(controller.program, controller.period_s)
+    stage = ReferenceCommand(controller)
+    limits = [(np.float32(terminal.low), np.float32(terminal.high)) for terminal in controller.inputs]
+    inputs = list(first)
+    outputs = np.empty((STEPS_LOOP, len(controller.outputs)), np.float32)
+    with np.errstate(all="ignore"):
+        for k in range(STEPS_LOOP):
+            values = program.step(list(inputs))
+            commands = stage.step(values)
+            outputs[k] = values
+            for i, (low, high) in enumerate(limits):
+                moved = inputs[i] + LOOP_PART * (commands[i % len(commands)] - inputs[i])
+                inputs[i] = low if moved < low else high if moved > high else moved
+    return outputs
 
 
 def _command_vectors(controller: Controller) -> tuple[Floats, Floats]:

@@ -502,7 +502,7 @@ def test_refuses_a_header_of_another_run(made, tmp_path):
 
 
 def test_refuses_a_header_of_another_generator(made, tmp_path):
-    change(made.header, "made_GENERATOR 2", "made_GENERATOR 3")
+    change(made.header, "made_GENERATOR 3", "made_GENERATOR 4")
     assert "are not of the same run" in run_command("gcc", "-c", "made.c", cwd=tmp_path).stderr
 
 

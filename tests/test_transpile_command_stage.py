@@ -9,10 +9,10 @@ import pytest
 from controller import Controller, Input, Output, load_rig, lower, parse
 from controller.cycle import resolve_cycle
 from controller.native import NativeCycle
-from controller.reference import ReferenceCommand, ReferenceCycle
+from controller.reference import ReferenceCommand, ReferenceCycle, ReferenceProgram
 from firmware_gen import compile_controllers, generate, transpile
 from firmware_gen.compiled import run_compiler
-from firmware_gen.vectors import bits_of, draw_inputs
+from firmware_gen.vectors import bits_of, draw_inputs, selftest_vectors
 
 PROGRAMS = (
     "(list (* 80 (sin (* 7 t))) (% a1 a0_vel) (+ (* 30 (osc-tri 1.3 a2)) s0))",
@@ -102,7 +102,7 @@ MAIN = '#include <stdio.h>\n#include "made.h"\nint main(void) { printf("%d", (in
         ("0.600000024F * step", "0.600000083F * step"),
         ("step > 0.239999995F", "step > 0.2F"),
         ("step < (-0.239999995F)", "step > (-0.239999995F)"),
-        ("command[i] = outputs[i]", "command[i] = command[i]"),
+        ("command[made_output_a0] = outputs[made_output_a0]", "command[made_output_a0] = outputs[made_output_a1]"),
         ("held - 0.239999995F", "held + 0.239999995F"),
         ("target = held + step", "target = step"),
         ("command[made_output_a1] * 0.0174532924F", "command[made_output_a1] * 0.0174533F"),
@@ -119,3 +119,36 @@ def test_the_selftest_notices_a_changed_output_stage(old, new, tmp_path):
         source.write_text(changed)
         run_compiler(["gcc", "-std=c99", "main.c", "made.c", "-o", "main"], tmp_path)
         assert subprocess.run(["./main"], cwd=tmp_path, capture_output=True, check=True).stdout == status
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("0.25F * y", "0.25000003F * y"),
+        ("command[i % made_noutput]", "command[0]"),
+        ("made_command(&state, outputs, command);\n    made_feed_back", "made_feed_back"),
+    ],
+)
+def test_the_selftest_notices_a_loop_that_closes_otherwise(old, new, tmp_path):
+    source = transpile(make(PROGRAMS[0]), tmp_path, "made").source
+    text = source.read_text()
+    assert old in text
+    (tmp_path / "main.c").write_text(MAIN)
+    source.write_text(text.replace(old, new))
+    run_compiler(["gcc", "-std=c99", "main.c", "made.c", "-o", "main"], tmp_path)
+    assert subprocess.run(["./main"], cwd=tmp_path, capture_output=True, check=True).stdout == b"-7"
+
+
+def test_the_recorded_loop_is_what_its_rule_says():
+    controller = make(PROGRAMS[2])
+    recorded = selftest_vectors(controller)
+    program, stage = ReferenceProgram(controller.program, controller.period_s), ReferenceCommand(controller)
+    inputs = recorded.inputs[0].view(np.float32)
+    low, high = (np.array([getattr(i, field) for i in controller.inputs], np.float32) for field in ("low", "high"))
+    assert np.all((low <= inputs) & (inputs <= high))
+    for expected in recorded.loop:
+        outputs = program.step(list(inputs))
+        assert np.array_equal(bits_of(np.array(outputs)), expected)
+        commands = np.resize(np.array(stage.step(outputs)), len(inputs))
+        inputs = np.clip(inputs + np.float32(0.25) * (commands - inputs), low, high)
+    assert len(np.unique(recorded.loop)) > len(recorded.loop)

@@ -38,7 +38,8 @@ static inline float sv_pow2(int32_t n) {
     uint32_t u;
     float f;
   } word;
-  word.u = (uint32_t)(n + 127) << 23;
+  const int32_t exponent = n + 127;
+  word.u = (uint32_t)exponent << 23;
   return word.f;
 }
 
@@ -69,7 +70,7 @@ static inline float sv_quarter_turn(float x, uint32_t turn) {
   w = n * 2.56334407e-12F;
   low = low - w;
   z = r * r;
-  if (quadrant & 1U) {
+  if ((quadrant & 1U) != 0U) {
     // cos(r + low) = 1 - z / 2 + z^2 p(z) - r low
     y = z * 2.44323273e-05F;
     y = y - 0.00138873095F;
@@ -92,7 +93,7 @@ static inline float sv_quarter_turn(float x, uint32_t turn) {
     y = y + low;
     y = y + r;
   }
-  if (quadrant & 2U) {
+  if ((quadrant & 2U) != 0U) {
     y = -y;
   }
   return y;
@@ -219,6 +220,7 @@ static inline float sv_log(float x) {
     uint32_t u;
     float f;
   } word;
+  uint32_t exponent;
   int32_t k;
   float f;
   float s;
@@ -242,7 +244,8 @@ static inline float sv_log(float x) {
   // 0x3f3504f3 is sqrt(1/2), and 0x004afb0d more is 1
   word.f = x;
   word.u = word.u + 0x004afb0dU;
-  k = k + (int32_t)(word.u >> 23);
+  exponent = word.u >> 23;
+  k = k + (int32_t)exponent;
   word.u = (word.u & 0x007fffffU) + 0x3f3504f3U;
   f = word.f - 1.0F;
   // log(1 + f) = f - (f^2 / 2 - s (f^2 / 2 + z p(z))), s = f / (2 + f), z = s^2

@@ -2,11 +2,11 @@
 //
 //   controller  figure7
 //   program     a6d9474c72a6eebd7b376ef9cd21d0058ec9a4fbde67b184898cdf29c4450ee6
-//   generator   2
+//   generator   3
 
 #include "figure7.h"
 
-#if figure7_GENERATOR != 2 || figure7_FINGERPRINT != 0x09651344
+#if figure7_GENERATOR != 3 || figure7_FINGERPRINT != 0xe74291c5
 #error "figure7.h and figure7.c are not of the same run: generate both again"
 #endif
 
@@ -92,11 +92,10 @@ void figure7_clamp(float outputs[figure7_noutput]) {
 }
 
 void figure7_command(figure7_state* state, const float outputs[figure7_noutput], float command[figure7_noutput]) {
-  int32_t i;
   (void)state;
-  for (i = 0; i < figure7_noutput; i++) {
-    command[i] = outputs[i];
-  }
+  command[figure7_output_a0] = outputs[figure7_output_a0];
+  command[figure7_output_a1] = outputs[figure7_output_a1];
+  command[figure7_output_a2] = outputs[figure7_output_a2];
   figure7_clamp(command);
   command[figure7_output_a0] = command[figure7_output_a0] * 0.0174532924F;
   command[figure7_output_a1] = command[figure7_output_a1] * 0.0174532924F;
@@ -239,6 +238,42 @@ static const uint32_t figure7_recorded_commands[24][figure7_noutput] = {
     {0x3db5c9a5U, 0xbf8f1009U, 0x3dc07b9eU},
 };
 
+// the reference's outputs in a closed loop, as bits, step by step
+static const uint32_t figure7_recorded_loop[32][figure7_noutput] = {
+    {0x3f173606U, 0xc0dd1ea8U, 0x3f847f8eU},
+    {0x3efa1cc0U, 0xc0a5c71aU, 0x3f459754U},
+    {0x3ed2817cU, 0xc0789666U, 0x3f1354c9U},
+    {0x3eb47aefU, 0xc03a650dU, 0x3edbb60aU},
+    {0x3e9dade4U, 0xc00bc650U, 0x3ea3d31cU},
+    {0x3e8c5306U, 0xbfd1a7c0U, 0x3e744eadU},
+    {0x3e7e24f4U, 0xbf9d42e3U, 0x3e362a1dU},
+    {0x3e69d0b3U, 0xbf6bf86eU, 0x3e07d41bU},
+    {0x3e5a1fe7U, 0xbf3115afU, 0x3dca8eb7U},
+    {0x3e4de81eU, 0xbb8dda70U, 0x3d9708c7U},
+    {0x3e444617U, 0xbb6e67a9U, 0x3d613bc0U},
+    {0x3e3c8baaU, 0xbb48797fU, 0x3d27f13aU},
+    {0x3e363203U, 0xbb29219eU, 0x3cfa72a7U},
+    {0x3e30cf2bU, 0xbb0f84feU, 0x3cbabe3cU},
+    {0x3e2c0dfbU, 0xbaf596dbU, 0x3c8b3e15U},
+    {0x3e27a80aU, 0xbad4565bU, 0x3c4fa60eU},
+    {0x3e23612cU, 0xbab9dccbU, 0x3c1ad498U},
+    {0x3e1f0464U, 0xbaa4e9dfU, 0x3be6e4ffU},
+    {0x3e1a6228U, 0xba9467c0U, 0x3bac29d6U},
+    {0x3e155038U, 0xba8767cfU, 0x3b805f12U},
+    {0x3e0faae6U, 0xba7a3c65U, 0x3b3f6fd2U},
+    {0x3e0957e6U, 0xba69bb07U, 0x3b0ebe07U},
+    {0x3e0249f8U, 0xba5c2613U, 0x3ad4de27U},
+    {0x3df5092cU, 0xba5087ccU, 0x3a9eb8d7U},
+    {0x3de43bf3U, 0xba4616c8U, 0x3a6cb2acU},
+    {0x3dd27ca6U, 0xba3c342fU, 0x3a307d9cU},
+    {0x3dc036d1U, 0xba326abaU, 0x3a039911U},
+    {0x3dade2dbU, 0xba286d28U, 0x39c43f9cU},
+    {0x3d9bf5feU, 0xba1e12f4U, 0x3992547fU},
+    {0x3d8ad4aeU, 0xba135317U, 0x395a37d7U},
+    {0x3d7594b7U, 0xba083d1dU, 0x3922b621U},
+    {0x3d580e57U, 0xb9f9e30dU, 0x38f2a5b2U},
+};
+
 static float figure7_float(uint32_t bits) {
   union {
     uint32_t u;
@@ -338,6 +373,44 @@ static int32_t figure7_command_check(void) {
   return 1;
 }
 
+static void figure7_feed_back(const float command[figure7_noutput], float inputs[figure7_ninput]) {
+  static const float low[figure7_ninput] = {0.0F, (-1.05999994F), (-1.14699996F), (-1.14699996F), 0.0F, (-1.0F), 0.0F, (-2.0F), (-2.0F)};
+  static const float high[figure7_ninput] = {10.0F, 1.05999994F, 1.14699996F, 1.14699996F, 30.0F, 1.0F, 0.600000024F, 2.0F, 2.0F};
+  int32_t i;
+  for (i = 0; i < figure7_ninput; i++) {
+    float y = command[i % figure7_noutput];
+    y = y - inputs[i];
+    y = 0.25F * y;
+    y = inputs[i] + y;
+    inputs[i] = figure7_limit(y, low[i], high[i], low[i]);
+  }
+}
+
+// from the first recorded inputs on, every input goes towards a command, within its range
+static int32_t figure7_closed_loop(void) {
+  figure7_state state;
+  float inputs[figure7_ninput];
+  float outputs[figure7_noutput];
+  float command[figure7_noutput];
+  int32_t step;
+  int32_t i;
+  figure7_init(&state);
+  for (i = 0; i < figure7_ninput; i++) {
+    inputs[i] = figure7_float(figure7_recorded_inputs[0][i]);
+  }
+  for (step = 0; step < 32; step++) {
+    figure7_step(&state, inputs, outputs);
+    figure7_command(&state, outputs, command);
+    figure7_feed_back(command, inputs);
+    for (i = 0; i < figure7_noutput; i++) {
+      if (!figure7_same(outputs[i], figure7_recorded_loop[step][i])) {
+        return 0;
+      }
+    }
+  }
+  return 1;
+}
+
 int32_t figure7_selftest(void) {
   figure7_state state;
   float inputs[figure7_ninput];
@@ -366,5 +439,8 @@ int32_t figure7_selftest(void) {
   if (!figure7_clamp_check()) {
     return -4;
   }
-  return figure7_command_check() ? 0 : -6;
+  if (!figure7_command_check()) {
+    return -6;
+  }
+  return figure7_closed_loop() ? 0 : -7;
 }
