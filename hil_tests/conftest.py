@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import math
 import signal
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 from interrupts import SIGNALS, Interrupts
 from lab_report import LabReport, Measurement
+from unplugging import unplug_virtual, unplugger
 
 from controller import Rig, load_rig, registers
 from controller.errors import InputError
@@ -46,6 +49,8 @@ def pytest_addoption(parser):
     group.addoption("--port", help="servo bus of a real rig, as /dev/ttyUSB0; left out: a virtual rig in lock step")
     group.addoption("--sensor-port", help="sensor node of a real rig")
     group.addoption("--arm", action="store_true", help="allow torque on a real rig: its joints will move")
+    group.addoption("--hands", action="store_true", help="somebody is at the rig, to pull its plug when asked")
+    group.addoption("--control", type=Path, help="control socket of a rig that `servolve rig serve` serves")
     group.addoption("--report", type=Path, help="file for what was measured: HTML if it ends so, else JSON")
 
 
@@ -111,6 +116,8 @@ class Bench:
     bus: ServoBus
     clock: Clock
     virtual: bool
+    unplug: Callable[[], float] | None = None
+    """Pulls the adapter's plug and puts it in again; returns in what time that is done [s]. None: nobody can."""
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -164,6 +171,7 @@ def bench(request, interrupts, report):
     """Connect to the rig and check it; at the end every servo's torque is off, as read back."""
     option = request.config.getoption
     with ExitStack() as stack:
+        unplug = unplugger(request.config)
         try:
             rig = load_rig(DEFAULT_RIG if option("--rig") == "virtual" else option("--rig"))
             if option("--port"):
@@ -175,7 +183,9 @@ def bench(request, interrupts, report):
             else:
                 from deploy.virtual.rig import VirtualRig
 
-                link = stack.enter_context(connect_virtual(VirtualRig(rig), lambda: None))
+                body = VirtualRig(rig)
+                link = stack.enter_context(connect_virtual(body, lambda: None))
+                unplug = partial(unplug_virtual, body)
         except InputError as error:
             pytest.exit(str(error), returncode=pytest.ExitCode.USAGE_ERROR)
         findings = check_servos(link.bus, rig)[1]
@@ -186,7 +196,7 @@ def bench(request, interrupts, report):
         report.rig |= {"baud": rig.bus.baud, "period_s": rig.period_s}
         report.findings += [f"{finding.level}: {finding.text}" for finding in findings]
         try:
-            yield Bench(rig, link.bus, link.clock, not option("--port"))
+            yield Bench(rig, link.bus, link.clock, not option("--port"), unplug)
         finally:
             with interrupts.deferring():
                 left = release(link.bus, rig, link.clock)

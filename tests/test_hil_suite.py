@@ -67,6 +67,19 @@ def test_servos_of_other_families_are_tested_and_reported_on(serve_rig, tmp_path
     assert any("no bus watchdog" in finding for finding in report["findings"])
 
 
+def test_the_plug_of_a_served_rig_is_pulled_through_its_control_socket(serve_rig, tmp_path):
+    bus = serve_rig(RIG.name, "--control", tmp_path / "control").bus
+    arguments = ("--port", bus, "--rig-file", RIG.name, "--arm", "-k", "unplugged or after_all", "-rs")
+    run = suite(*arguments, "--control", tmp_path / "control")
+    told, _ = run.communicate(timeout=WAIT_S)
+    assert run.returncode == 0, told
+    assert "2 passed" in told
+    run = suite(*arguments)
+    told, _ = run.communicate(timeout=WAIT_S)
+    assert "1 passed, 1 skipped" in told and "nobody is there to pull the plug; say --hands" in told
+    assert read_bytes(bus, RIG) == [0, 0, 0]
+
+
 def test_a_report_as_html_says_what_was_measured_and_quotes_what_it_must(tmp_path):
     report = LabReport({"rig": "a<b>"}, [{"joint": "a0", "id": 1}], ["warning: x & y"], {"test_x": "passed"})
     report.measured.append(Measurement("test_x", "round trip", "ms", {"p50": 0.81234}, "at most 20"))
