@@ -1,8 +1,9 @@
 // The log: compact binary records on the console line, between its lines of text.
 //
 // A record is 0x00, the COBS code of (type, body, CRC-16 of both, low byte first), 0x00: no byte of the code is 0, so
-// what stands outside a pair of zeros is text. Numbers are little endian. "varint" is a LEB128 of the zigzag code. A
-// record that does not fit the line's buffer is dropped whole, and counted.
+// what stands between two zeros and is no code with its CRC right is text, or was damaged. The CRC is Dynamixel 2.0's:
+// polynomial 0x8005, from 0, most significant bit first. Numbers are little endian. "varint" is a LEB128 of the zigzag
+// code. A record that does not fit the line's buffer is dropped, and counted.
 
 #ifndef SV_RECORD_H_
 #define SV_RECORD_H_
@@ -31,8 +32,9 @@ typedef enum {
   SV_RECORD_READING = 9  // i64 t_us, u8 joint, u16 address, u8 size, bytes: a block that the check has read, in parts
 } sv_record_type;
 
+// A record grows in the place of its code: a code byte before it, the CRC and a zero behind it.
 typedef struct {
-  uint8_t bytes[SV_RECORD_MAX];
+  uint8_t bytes[SV_RECORD_MAX + 3];
   int32_t n;
 } sv_record;
 
@@ -46,10 +48,10 @@ void sv_record_u32(sv_record* record, uint32_t value);
 void sv_record_i32(sv_record* record, int32_t value);
 void sv_record_i64(sv_record* record, int64_t value);
 void sv_record_f32(sv_record* record, float value);
-void sv_record_varint(sv_record* record, int64_t value);
+void sv_record_varint(sv_record* record, int32_t value);
 
-// Send it on the console line; return 1, or 0 if it was dropped.
-int32_t sv_record_end(sv_record* record);
+// Send it on the console line, waiting until wait_until_us at the longest for room; return 1, or 0 if it was dropped.
+int32_t sv_record_end(sv_record* record, int64_t wait_until_us);
 
 #ifdef __cplusplus
 }

@@ -11,9 +11,9 @@
 #include <stdint.h>
 
 #include "sv_bus.h"
+#include "sv_cycle.h"
 #include "sv_lines.h"
 #include "sv_reason.h"
-#include "sv_record.h"
 #include "sv_rig.h"
 #include "sv_safety.h"
 
@@ -21,7 +21,7 @@
 extern "C" {
 #endif
 
-#define SV_COMMAND_MAX 64  // characters of a command
+#define SV_COMMAND_MAX 40  // characters of a command
 
 // What a run is asked to do; commands set it.
 typedef struct {
@@ -29,40 +29,50 @@ typedef struct {
   int32_t periods;  // length of the run
   float derate;     // part of the torque ceiling that is allowed, in (0, 1]
   uint8_t arm;      // whether torque may be switched on, for one run
+  uint8_t start;    // whether to run
+  uint8_t stop;     // why a person wants the run to stop: sv_reason
 } sv_wish;
 
 typedef struct {
-  const sv_rig* rig;
-  int32_t (*selftest)(void);  // the controller's
-  uint32_t program;           // its fingerprint
-  sv_bus bus;
-  sv_lines lines;
-  sv_watch watch;
-  sv_wish wish;
-  int32_t state;  // sv_state
-  int32_t raw[SV_RAW_MAX];
-  int64_t answered_us[SV_JOINT_MAX];  // when each joint last answered; < 0: never
-  sv_reply replies[SV_JOINT_MAX];
-  int32_t goals[SV_JOINT_MAX];  // in force [counts]
-  int64_t begin_us;             // of this period
-  int64_t ended_us;             // of the last one's bus traffic
-  sv_cycle_state cycle;
-  float* registers;  // the controller's memory, from the board's main
-  float* program_state;
-  float terminals[SV_INPUT_MAX];
-  float outputs[SV_OUTPUT_MAX];
-  char command[SV_COMMAND_MAX];
-  int32_t ncommand;
-  uint8_t stop;      // a person wants the run to stop: sv_reason
-  uint32_t dropped;  // records that did not fit
   int32_t cycles;
   int32_t missed_deadlines;
   int32_t missed_replies;
+  uint32_t dropped;  // records that did not fit the console's line
+} sv_counts;
+
+typedef struct {
+  const sv_rig* rig;
+  uint32_t program;  // its fingerprint
+  int32_t selftest;  // what the controller's has returned
+  float* registers;  // the controller's memory
+  float* memory;
+  uint8_t state;    // sv_state
+  uint8_t pressed;  // whether the start input was active when last looked at
+  uint8_t ncommand;
+  char command[SV_COMMAND_MAX];
+  sv_wish wish;
+  sv_fault ended;  // why the last run did
+  sv_counts counts;
+  sv_bus bus;
+  sv_lines lines;
+  sv_watch watch;
+  int64_t begin_us;                   // of this period
+  int64_t ended_us;                   // of the last one's traffic
+  int64_t answered_us[SV_JOINT_MAX];  // when each joint last answered; < 0: never
+  sv_reply replies[SV_JOINT_MAX];     // of this period
+  int32_t goals[SV_JOINT_MAX];        // in force [counts]
+  int32_t from[SV_JOINT_MAX];         // where homing begins [counts]
+  int32_t nmove;                      // periods of its move
+  int32_t raw[SV_RAW_MAX];
+  sv_cycle_state cycle;
+  float terminals[SV_INPUT_MAX];
+  float outputs[SV_OUTPUT_MAX];
 } sv_robot;
 
-// Set up; say hello on the console; after a reset by watchdog or fault handler, first take the torque of every servo.
-void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t (*selftest)(void), uint32_t program, float* registers,
-                   float* program_state);
+// Set up, with what the controller's selftest returned, its fingerprint and its memory; say hello on the console; after
+// a reset by watchdog or fault handler, first take the torque of every servo.
+void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_t program, float* registers,
+                   float* memory);
 
 // Take what has come from the console, and make the run that it starts: returns when that has ended, with torque off.
 void sv_robot_poll(sv_robot* robot);

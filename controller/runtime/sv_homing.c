@@ -1,0 +1,88 @@
+#include "sv_homing.h"
+
+static const float kPi = 3.14159274F;
+static const float kTwoPi = 6.28318548F;
+static const float kApproach = 4.0F;  // speed by distance [1/s]: slower over the last quarter of a second
+static const float kMicro = 1.0e-6F;
+
+// Round half to even, |x| < 2^30.
+static int32_t sv_round_even(float x) {
+  int32_t whole = (int32_t)x;
+  const float part = x - (float)whole;
+  if (part > 0.5F || (part == 0.5F && whole % 2 != 0)) {
+    whole++;
+  } else if (part < -0.5F || (part == -0.5F && whole % 2 != 0)) {
+    whole--;
+  }
+  return whole;
+}
+
+static float sv_limit(float x, float limit) { return x > limit ? limit : (x < -limit ? -limit : x); }
+
+int32_t sv_homing_periods(const sv_axis* axis, int32_t start, int32_t neutral, float step_rad) {
+  const float scale = axis->angle_scale < 0.0F ? -axis->angle_scale : axis->angle_scale;
+  const int32_t way = start < neutral ? neutral - start : start - neutral;
+  const float travel = (float)way * scale;
+  const float periods = travel / step_rad;
+  if (!(periods < (float)SV_MOVE_MAX)) {
+    return SV_MOVE_MAX;
+  }
+  const int32_t whole = (int32_t)periods;
+  return (float)whole < periods ? whole + 1 : whole;
+}
+
+int32_t sv_homing_goal(int32_t start, int32_t neutral, int32_t k, int32_t nmove) {
+  if (k + 1 >= nmove) {
+    return neutral;
+  }
+  // way * done / all in 32 bits: way in two bytes
+  const uint32_t way = (uint32_t)(start < neutral ? neutral - start : start - neutral) & 0xFFFFU;
+  const uint32_t done = (uint32_t)(k + 1);
+  const uint32_t all = (uint32_t)nmove;
+  const uint32_t high = (way >> 8) * done;
+  const uint32_t rest = ((high % all) << 8) + (way & 0xFFU) * done;
+  const int32_t whole = (int32_t)(((high / all) << 8) + rest / all);
+  const uint32_t twice = 2U * (rest % all);
+  // half to even: of the goal, not of the way
+  const int32_t goal = start < neutral ? start + whole : start - whole;
+  const int32_t onward = twice > all || (twice == all && goal % 2 != 0);
+  return goal + (start < neutral ? onward : -onward);
+}
+
+float sv_homing_away(const sv_axis* axis, int32_t count) {
+  if (!axis->unlimited) {
+    const float angle = (float)(count - axis->zero) * axis->angle_scale;
+    return axis->neutral_rad - angle;
+  }
+  // whole turns go first, as counts
+  const float scale = axis->angle_scale < 0.0F ? -axis->angle_scale : axis->angle_scale;
+  const int32_t turn = sv_round_even(kTwoPi / scale);
+  const float angle = (float)((count - axis->zero) % turn) * axis->angle_scale;
+  float away = axis->neutral_rad - angle;
+  while (away > kPi) {
+    away = away - kTwoPi;
+  }
+  while (away < -kPi) {
+    away = away + kTwoPi;
+  }
+  return away;
+}
+
+int32_t sv_homing_speed(const sv_axis* axis, int32_t count, float rate_rad_s) {
+  const float wanted = sv_limit(kApproach * sv_homing_away(axis, count), rate_rad_s);
+  return sv_round_even(sv_limit(wanted, axis->speed_max) / axis->speed_scale);
+}
+
+int32_t sv_speed_inside(const sv_axis* axis, int32_t count, int32_t speed, int64_t age_us, int32_t period_us) {
+  const float rate = (float)speed * axis->speed_scale;
+  // older than half an hour is never
+  float ahead = 3.0e38F;
+  if (age_us >= 0 && age_us < INT32_MAX - period_us) {
+    ahead = (float)((int32_t)age_us + period_us) * kMicro;
+  }
+  const float way = rate * ahead;
+  const float end = (float)(count - axis->zero) * axis->angle_scale + way;
+  return (rate > 0.0F && end > axis->high_rad) || (rate < 0.0F && end < axis->low_rad) ? 0 : speed;
+}
+
+int32_t sv_derate(int32_t ceiling, float part) { return sv_round_even((float)ceiling * part); }

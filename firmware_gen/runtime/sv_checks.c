@@ -1,0 +1,201 @@
+#include "sv_checks.h"
+
+#include "sv_hal.h"
+#include "sv_log.h"
+#include "sv_period.h"
+#include "sv_record.h"
+
+#define SV_ATTEMPTS 3
+#define SV_PATIENCE_US 100000  // for a servo that may only be slow
+#define SV_LATE_US_MAX 3000
+#define SV_DELAY_US_MAX 508  // the longest that a servo can be set to wait before it answers
+#define SV_LISTEN_STEPS 30
+#define SV_LISTEN_STEP_US 10000
+
+// What has been found so far.
+typedef struct {
+  int32_t errors;
+  int32_t joint;      // of the first error
+  int32_t waited_us;  // shortest wait for an answer, beyond what line and servo need
+} sv_findings;
+
+typedef struct {
+  uint8_t bytes[2][SV_BLOCK_MAX];
+} sv_tables;
+
+static void sv_find(sv_robot* robot, sv_findings* findings, int32_t finding, int32_t joint, int32_t address,
+                    int32_t value, int32_t low, int32_t high) {
+  if (findings->errors == 0) {
+    findings->joint = joint;
+  }
+  findings->errors++;
+  sv_log_finding(robot, SV_ERROR, finding, joint, address, value, low, high);
+}
+
+static sv_reply sv_ping(sv_robot* robot, int32_t joint, uint16_t* model) {
+  sv_hal_feed_watchdog();
+  return sv_bus_ping(&robot->bus, joint, model);
+}
+
+// Ask once more and wait for long; return how long the answer took, -1 if there is none [us].
+static int32_t sv_patient_ping_us(sv_robot* robot, int32_t joint) {
+  uint16_t model;
+  const int64_t usual_us = robot->bus.patience_us;
+  const int64_t asked_us = sv_hal_now_us();
+  robot->bus.patience_us = SV_PATIENCE_US;
+  const sv_reply reply = sv_ping(robot, joint, &model);
+  robot->bus.patience_us = usual_us;
+  return reply.status == SV_REPLY_DATA ? (int32_t)(reply.t_us - asked_us) : -1;
+}
+
+// Return whether the right servo is there.
+static int32_t sv_is_there(sv_robot* robot, sv_findings* findings, int32_t joint) {
+  uint16_t model = 0;
+  sv_reply reply = sv_ping(robot, joint, &model);
+  for (int32_t i = 1; i < SV_ATTEMPTS && reply.status != SV_REPLY_DATA; i++) {
+    reply = sv_ping(robot, joint, &model);
+  }
+  if (reply.status == SV_REPLY_MISSING) {
+    const int32_t slow_us = sv_patient_ping_us(robot, joint);
+    sv_find(robot, findings, slow_us < 0 ? SV_FINDING_ABSENT : SV_FINDING_LATE, joint, 0, slow_us, 0, 0);
+    return 0;
+  }
+  if (reply.status != SV_REPLY_DATA) {
+    sv_find(robot, findings, SV_FINDING_CORRUPT, joint, 0, 0, 0, 0);
+    return 0;
+  }
+  const uint16_t wanted = robot->rig->joints[joint].model;
+  if (model != wanted) {
+    sv_find(robot, findings, SV_FINDING_MODEL, joint, 0, model, wanted, wanted);
+  }
+  return model == wanted;
+}
+
+// Return how long an answer took beyond what line and servo need [us].
+static int32_t sv_waited_us(const sv_rig* rig, const sv_reply* reply, int64_t asked_us, int32_t size) {
+  const uint32_t around = rig->protocol == SV_DYNAMIXEL2 ? 22U : 12U;  // of question and answer
+  const uint32_t line_us = (around + (uint32_t)size) * 10000000U / (uint32_t)rig->baud;
+  return (int32_t)(reply->t_us - asked_us) - SV_DELAY_US_MAX - (int32_t)line_us;
+}
+
+// Read the tables of one servo; return whether that went well.
+static int32_t sv_read_tables(sv_robot* robot, sv_findings* findings, int32_t joint, sv_tables* tables) {
+  for (int32_t n = 0; n < 2; n++) {
+    const sv_block* block = robot->rig->joints[joint].tables + n;
+    const int64_t asked_us = sv_hal_now_us();
+    sv_hal_feed_watchdog();
+    sv_reply reply = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
+    if (reply.status == SV_REPLY_DATA) {
+      const int32_t waited_us = sv_waited_us(robot->rig, &reply, asked_us, block->size);
+      findings->waited_us = waited_us < findings->waited_us ? waited_us : findings->waited_us;
+    }
+    for (int32_t i = 1; i < SV_ATTEMPTS && reply.status != SV_REPLY_DATA; i++) {
+      reply = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
+    }
+    if (reply.status != SV_REPLY_DATA) {
+      sv_find(robot, findings, SV_FINDING_UNREADABLE, joint, block->address, reply.status == SV_REPLY_CORRUPT,
+              block->address, block->address + block->size - 1);
+      return 0;
+    }
+    sv_log_block(robot, SV_RECORD_READING, joint, block, tables->bytes[n]);
+  }
+  return 1;
+}
+
+// Return the count of a register in the tables, -1 where they do not hold it.
+static int32_t sv_held(const sv_joint* joint, const sv_tables* tables, const sv_register* reg) {
+  for (int32_t n = 0; n < 2; n++) {
+    const int32_t at = reg->address - joint->tables[n].address;
+    if (reg->size > 0 && at >= 0 && at + reg->size <= joint->tables[n].size) {
+      return sv_register_decode(reg, tables->bytes[n] + at);
+    }
+  }
+  return -1;
+}
+
+// Compare one servo's registers with their rows.
+static void sv_compare(sv_robot* robot, sv_findings* findings, int32_t number, const sv_tables* tables) {
+  const sv_joint* joint = robot->rig->joints + number;
+  for (int32_t i = 0; i < joint->ncheck; i++) {
+    const sv_check* check = joint->checks + i;
+    const int32_t held = sv_held(joint, tables, &check->reg);
+    const int32_t meant = check->mask < 0 ? held : (int32_t)((uint32_t)held & (uint32_t)check->mask);
+    if (meant >= check->low && meant <= check->high) {
+      continue;
+    }
+    // a hardware error is told with the register that says whether it has taken the torque
+    const int32_t low = check->kind == SV_FINDING_HARDWARE ? sv_held(joint, tables, &joint->shutdown) : check->low;
+    if (check->level == SV_ERROR) {
+      sv_find(robot, findings, check->kind, number, check->reg.address, held, low, check->high);
+    } else {
+      sv_log_finding(robot, SV_WARNING, check->kind, number, check->reg.address, held, low, check->high);
+    }
+  }
+}
+
+// Tell of servos that nothing stops if this board dies.
+static void sv_check_watchdogs(sv_robot* robot) {
+  for (int32_t i = 0; i < robot->rig->njoint; i++) {
+    if (robot->rig->joints[i].watchdog.size == 0) {
+      sv_log_finding(robot, SV_WARNING, SV_FINDING_WATCHDOG, i, 0, 0, 0, 0);
+      return;
+    }
+  }
+}
+
+static void sv_check_servos(sv_robot* robot, sv_findings* findings) {
+  sv_tables tables;
+  for (int32_t i = 0; i < robot->rig->njoint; i++) {
+    if (sv_is_there(robot, findings, i) && sv_read_tables(robot, findings, i, &tables)) {
+      sv_compare(robot, findings, i, &tables);
+    }
+  }
+  if (findings->waited_us > SV_LATE_US_MAX && findings->waited_us < INT32_MAX) {
+    sv_log_finding(robot, SV_WARNING, SV_FINDING_LATE, SV_NOBODY, 0, findings->waited_us, 0, 0);
+  }
+  sv_check_watchdogs(robot);
+}
+
+// Listen for a while, then compare what the sensor node has sent with what the rig promises.
+static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
+  const sv_rig* rig = robot->rig;
+  for (int32_t i = 0; i < SV_LISTEN_STEPS && rig->nsensor > 0; i++) {
+    sv_wait_until(robot, sv_hal_now_us() + SV_LISTEN_STEP_US);
+    sv_read_sensors(robot);
+  }
+  for (int32_t i = 0; i < rig->nsensor; i++) {
+    const int64_t age_us = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
+    const int32_t age_us_max = rig->sensors[i].age_us_max;
+    const int32_t told_us = age_us < INT32_MAX ? (int32_t)age_us : INT32_MAX;
+    if (age_us >= 0 && age_us <= age_us_max) {
+      continue;
+    }
+    if (rig->sensors[i].needed) {
+      sv_find(robot, findings, SV_FINDING_SENSOR, i, 0, told_us, 0, age_us_max);
+    } else {
+      sv_log_finding(robot, SV_WARNING, SV_FINDING_SENSOR, i, 0, told_us, 0, age_us_max);
+    }
+  }
+}
+
+// Object to a derated run of servos that have no torque ceiling to lower.
+static void sv_check_derating(sv_robot* robot, sv_findings* findings) {
+  for (int32_t i = 0; i < robot->rig->njoint && robot->wish.derate < 1.0F; i++) {
+    if (robot->rig->joints[i].ceiling.size == 0) {
+      sv_find(robot, findings, SV_FINDING_DERATE, i, 0, 0, 0, 0);
+      return;
+    }
+  }
+}
+
+sv_fault sv_check_rig(sv_robot* robot) {
+  sv_findings findings = {0, SV_NOBODY, INT32_MAX};
+  sv_check_servos(robot, &findings);
+  sv_check_sensors(robot, &findings);
+  sv_check_derating(robot, &findings);
+  const sv_fault stop = sv_heed_stop(robot);
+  if (stop.reason != SV_REASON_NONE || findings.errors == 0) {
+    return stop;
+  }
+  return sv_because(SV_REASON_FINDING, findings.joint, findings.errors - 1, 0);
+}

@@ -1,0 +1,73 @@
+#include "sv_home.h"
+
+#include "sv_axis.h"
+#include "sv_hal.h"
+#include "sv_period.h"
+
+#define SV_REST_PERIODS 10
+
+static const float kNearRad = 0.05F;  // how near to neutral a joint that is driven by its speed must be
+static const float kMicro = 1.0e-6F;
+
+// Return in how many periods at the least the rig is in neutral; a speed has its own end.
+static int32_t sv_plan(sv_robot* robot) {
+  const sv_rig* rig = robot->rig;
+  int32_t nmove = rig->velocity_mode ? 1 : 0;
+  for (int32_t i = 0; i < rig->njoint && !rig->velocity_mode; i++) {
+    const sv_axis axis = sv_axis_of(rig->joints + i);
+    const float step = rig->safety.homing_rad_s * ((float)rig->period_us * kMicro);
+    const int32_t periods = sv_homing_periods(&axis, robot->goals[i], rig->joints[i].neutral, step);
+    nmove = periods > nmove ? periods : nmove;
+    robot->from[i] = robot->goals[i];
+  }
+  return nmove;
+}
+
+void sv_home_goals(const sv_robot* robot, int32_t k, int32_t* goals) {
+  const sv_rig* rig = robot->rig;
+  for (int32_t i = 0; i < rig->njoint; i++) {
+    if (rig->velocity_mode) {
+      const sv_axis axis = sv_axis_of(rig->joints + i);
+      goals[i] = sv_homing_speed(&axis, robot->raw[i], rig->safety.homing_rad_s);
+    } else {
+      goals[i] = sv_homing_goal(robot->from[i], rig->joints[i].neutral, k, robot->nmove);
+    }
+  }
+}
+
+static int32_t sv_at_rest(const sv_robot* robot) {
+  const sv_rig* rig = robot->rig;
+  for (int32_t i = 0; i < rig->njoint; i++) {
+    const sv_joint* joint = rig->joints + i;
+    const int32_t speed = robot->raw[rig->njoint + i];
+    if (robot->replies[i].status != SV_REPLY_DATA || speed > joint->rest_count || speed < -joint->rest_count) {
+      return 0;
+    }
+    const sv_axis axis = sv_axis_of(joint);
+    const float away = rig->velocity_mode ? sv_homing_away(&axis, robot->raw[i]) : 0.0F;
+    if (away > kNearRad || away < -kNearRad) {
+      return 0;
+    }
+  }
+  return sv_sensors_fresh(robot);
+}
+
+sv_fault sv_home(sv_robot* robot) {
+  sv_period done;
+  int32_t resting = 0;
+  robot->nmove = sv_plan(robot);
+  robot->begin_us = sv_hal_now_us();
+  robot->ended_us = robot->begin_us;
+  for (int32_t k = 0; k < robot->nmove + robot->rig->homing_periods_max; k++) {
+    sv_walk(robot, k, &done);
+    const sv_fault stop = sv_heed_stop(robot);
+    if (done.fault.reason != SV_REASON_NONE || stop.reason != SV_REASON_NONE) {
+      return done.fault.reason != SV_REASON_NONE ? done.fault : stop;
+    }
+    resting = k >= robot->nmove && sv_at_rest(robot) ? resting + 1 : 0;
+    if (resting == SV_REST_PERIODS) {
+      return stop;
+    }
+  }
+  return sv_because(SV_REASON_NO_REST, SV_NOBODY, 0, 0);
+}

@@ -1,0 +1,154 @@
+#include "sv_torque.h"
+
+#include "sv_hal.h"
+#include "sv_homing.h"
+#include "sv_period.h"
+
+#define SV_ATTEMPTS 3
+#define SV_RELEASE_US_MAX 1000000
+#define SV_RELEASE_PAUSE_US 50000
+#define SV_RELEASE_PATIENCE_US 60000
+
+static sv_fault sv_taken(void) { return sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0); }
+
+static sv_fault sv_not_taken(int32_t joint, const sv_register* reg, const sv_reply* reply) {
+  return sv_because(SV_REASON_SETTING, joint, reg->address, reply->status << 16 | reply->error);
+}
+
+// Write one register and read it back.
+static sv_fault sv_set(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t count) {
+  int32_t held = 0;
+  sv_hal_feed_watchdog();
+  const sv_reply reply = sv_bus_write_register(&robot->bus, joint, reg, count, SV_ATTEMPTS, &held);
+  if (reply.status != SV_REPLY_DATA) {
+    return sv_not_taken(joint, reg, &reply);
+  }
+  return held == count ? sv_taken() : sv_because(SV_REASON_SETTING, joint, reg->address, held);
+}
+
+sv_fault sv_write_settings(sv_robot* robot) {
+  sv_fault fault = sv_taken();
+  for (int32_t i = 0; i < robot->rig->njoint; i++) {
+    const sv_joint* joint = robot->rig->joints + i;
+    for (int32_t n = 0; n < joint->nsetting && fault.reason == SV_REASON_NONE; n++) {
+      fault = sv_set(robot, i, &joint->settings[n].reg, joint->settings[n].value);
+    }
+    if (fault.reason == SV_REASON_NONE && joint->ceiling.size > 0) {
+      fault = sv_set(robot, i, &joint->ceiling, sv_derate(joint->ceiling_count, robot->wish.derate));
+    }
+  }
+  return fault;
+}
+
+sv_fault sv_seed_goals(sv_robot* robot) {
+  sv_fault fault = sv_taken();
+  for (int32_t i = 0; i < robot->rig->njoint && fault.reason == SV_REASON_NONE; i++) {
+    const sv_joint* joint = robot->rig->joints + i;
+    int32_t goal = 0;
+    if (!robot->rig->velocity_mode) {
+      const sv_reply reply = sv_bus_read_register(&robot->bus, i, &joint->position, SV_ATTEMPTS, &goal);
+      if (reply.status != SV_REPLY_DATA) {
+        return sv_not_taken(i, &joint->position, &reply);
+      }
+      goal = goal > joint->seed_low ? goal : joint->seed_low;
+      goal = goal < joint->seed_high ? goal : joint->seed_high;
+    }
+    robot->goals[i] = goal;
+    fault = sv_set(robot, i, &joint->goal, goal);
+  }
+  return fault;
+}
+
+sv_fault sv_torque_on(sv_robot* robot) {
+  const sv_rig* rig = robot->rig;
+  sv_fault fault = sv_taken();
+  for (int32_t i = 0; i < rig->njoint && fault.reason == SV_REASON_NONE; i++) {
+    fault = sv_set(robot, i, &rig->joints[i].torque, 1);
+  }
+  for (int32_t i = 0; i < rig->njoint && fault.reason == SV_REASON_NONE && rig->safety.watchdog_us > 0; i++) {
+    if (rig->joints[i].watchdog.size > 0) {
+      fault = sv_set(robot, i, &rig->joints[i].watchdog, rig->safety.watchdog_count);
+    }
+  }
+  return fault;
+}
+
+// Set the same register of every servo to 0, without waiting for anybody.
+static void sv_clear_all(sv_robot* robot, const sv_register* reg) {
+  uint8_t zeros[SV_JOINT_MAX * 4] = {0};
+  sv_bus_sync_write(&robot->bus, reg->address, reg->size, zeros);
+}
+
+// Ask once for a register; return whether it reads 0.
+static int32_t sv_is_zero(sv_robot* robot, int32_t joint, const sv_register* reg) {
+  int32_t count = 1;
+  sv_hal_feed_watchdog();
+  const sv_reply reply = sv_bus_read_register(&robot->bus, joint, reg, 1, &count);
+  return reply.status == SV_REPLY_DATA && count == 0;
+}
+
+// Set a register to 0, once; return whether it reads so.
+static int32_t sv_clear(sv_robot* robot, int32_t joint, const sv_register* reg) {
+  const uint8_t zeros[4] = {0};
+  sv_hal_feed_watchdog();
+  const sv_reply reply = sv_bus_write(&robot->bus, joint, reg->address, zeros, reg->size);
+  return reply.status != SV_REPLY_REFUSED && sv_is_zero(robot, joint, reg);
+}
+
+// Switch one servo's torque and watchdog off and let its velocity be 0; return whether it reads so.
+static int32_t sv_switch_off(sv_robot* robot, int32_t number) {
+  const sv_joint* joint = robot->rig->joints + number;
+  if (!sv_clear(robot, number, &joint->torque) ||
+      (joint->watchdog.size > 0 && !sv_clear(robot, number, &joint->watchdog))) {
+    return 0;
+  }
+  if (!robot->rig->velocity_mode) {
+    return 1;
+  }
+  // a goal may have switched it on
+  return sv_clear(robot, number, &joint->goal) && sv_is_zero(robot, number, &joint->torque);
+}
+
+uint32_t sv_release(sv_robot* robot) {
+  const sv_rig* rig = robot->rig;
+  const int64_t until_us = sv_hal_now_us() + SV_RELEASE_US_MAX;
+  const int64_t usual_us = robot->bus.patience_us;
+  uint32_t left = (1U << rig->njoint) - 1U;
+  if (rig->velocity_mode) {
+    sv_clear_all(robot, &rig->joints[0].goal);
+  }
+  sv_clear_all(robot, &rig->joints[0].torque);
+  for (;;) {
+    for (int32_t i = 0; i < rig->njoint; i++) {
+      if ((left >> i & 1U) != 0U && sv_switch_off(robot, i)) {
+        left &= ~(1U << i);
+      }
+    }
+    if (left == 0U || sv_hal_now_us() >= until_us) {
+      break;
+    }
+    sv_wait_until(robot, sv_hal_now_us() + SV_RELEASE_PAUSE_US);
+    robot->bus.patience_us = usual_us > SV_RELEASE_PATIENCE_US ? usual_us : SV_RELEASE_PATIENCE_US;
+  }
+  robot->bus.patience_us = usual_us;
+  return left;
+}
+
+sv_fault sv_hold(sv_robot* robot) {
+  sv_fault fault = sv_taken();
+  for (int32_t i = 0; i < robot->rig->njoint && fault.reason == SV_REASON_NONE; i++) {
+    const sv_joint* joint = robot->rig->joints + i;
+    if (robot->rig->velocity_mode) {
+      fault = sv_set(robot, i, &joint->goal, 0);
+    }
+    if (fault.reason == SV_REASON_NONE && joint->watchdog.size > 0) {
+      fault = sv_set(robot, i, &joint->watchdog, 0);
+    }
+    if (fault.reason == SV_REASON_NONE) {
+      int32_t torque = 0;
+      const sv_reply reply = sv_bus_read_register(&robot->bus, i, &joint->torque, SV_ATTEMPTS, &torque);
+      fault = reply.status != SV_REPLY_DATA ? sv_not_taken(i, &joint->torque, &reply) : sv_judge_torque(i, torque == 1);
+    }
+  }
+  return fault;
+}
