@@ -47,7 +47,10 @@ class Firmware(Protocol):
     """
 
     def resume(self, given: Given) -> Taken:
-        """Wake the image and let it work until it waits; the first call boots it.
+        """Wake the image and let it work until it waits.
+
+        The first call boots the image, lets it come to its first wait, and wakes it there with what is given; what it
+        does before and after is returned together.
 
         Args:
             given: what has come since the last call
