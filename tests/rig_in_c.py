@@ -15,15 +15,6 @@ FLAGS = (
     *("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion"),
     *("-Wdouble-promotion", "-Wmissing-prototypes", "-Werror"),
 )
-    "-std=c99",
-    "-ffp-contract=off",
-    "-Wall",
-    "-Wextra",
-    "-Wconversion",
-    "-Wdouble-promotion",
-    "-Wmissing-prototypes",
-    "-Werror",
-]
 
 
 class SvRegister(ctypes.Structure):
