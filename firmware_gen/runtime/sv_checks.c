@@ -166,7 +166,7 @@ static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
   for (int32_t i = 0; i < rig->nsensor; i++) {
     const int64_t age_us = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
     const int32_t age_us_max = rig->sensors[i].age_us_max;
-    const int32_t told_us = age_us < INT32_MAX ? (int32_t)age_us : INT32_MAX;
+    const int32_t told_us = sv_clip_us(age_us);
     if (age_us >= 0 && age_us <= age_us_max) {
       continue;
     }
@@ -188,14 +188,11 @@ static void sv_check_derating(sv_robot* robot, sv_findings* findings) {
   }
 }
 
-sv_fault sv_check_rig(sv_robot* robot) {
+int32_t sv_check_rig(sv_robot* robot) {
   sv_findings findings = {0, SV_NOBODY, INT32_MAX};
   sv_check_servos(robot, &findings);
   sv_check_sensors(robot, &findings);
   sv_check_derating(robot, &findings);
-  const sv_fault stop = sv_heed_stop(robot);
-  if (stop.reason != SV_REASON_NONE || findings.errors == 0) {
-    return stop;
-  }
-  return sv_because(SV_REASON_FINDING, findings.joint, findings.errors - 1, 0);
+  return sv_heed_stop(robot) ||
+         (findings.errors > 0 && sv_because(&robot->watch, SV_REASON_FINDING, findings.joint, findings.errors - 1, 0));
 }

@@ -13,8 +13,8 @@
 extern "C" {
 #endif
 
-// Read everything, write nothing; return the fault if anything forbids to arm, or a person's wish to stop.
-sv_fault sv_check_rig(sv_robot* robot);
+// Read everything, write nothing; return whether anything forbids to arm, or a person wants to stop: => why.
+int32_t sv_check_rig(sv_robot* robot);
 
 #ifdef __cplusplus
 }

@@ -130,10 +130,10 @@ static int32_t sv_print_status(const sv_robot* robot) {
   static const char* const kStates[] = {"off", "checked", "armed", "homing", "running", "stopping", "fault"};
   sv_print(kStates[robot->state]);
   sv_print(robot->wish.arm ? " armed, ended by" : " disarmed, ended by");
-  sv_print_number(robot->ended.reason);
-  sv_print_number(robot->ended.joint);
-  sv_print_number(robot->ended.a);
-  sv_print_number(robot->ended.b);
+  sv_print_number(robot->watch.why.reason);
+  sv_print_number(robot->watch.why.joint);
+  sv_print_number(robot->watch.why.a);
+  sv_print_number(robot->watch.why.b);
   sv_print(", cycles");
   sv_print_number(robot->counts.cycles);
   sv_print("\r\n");

@@ -52,22 +52,20 @@ static int32_t sv_at_rest(const sv_robot* robot) {
   return sv_sensors_fresh(robot);
 }
 
-sv_fault sv_home(sv_robot* robot) {
+int32_t sv_home(sv_robot* robot) {
   sv_period done;
   int32_t resting = 0;
   robot->nmove = sv_plan(robot);
   robot->begin_us = sv_hal_now_us();
   robot->ended_us = robot->begin_us;
   for (int32_t k = 0; k < robot->nmove + robot->rig->homing_periods_max; k++) {
-    sv_walk(robot, k, &done);
-    const sv_fault stop = sv_heed_stop(robot);
-    if (done.fault.reason != SV_REASON_NONE || stop.reason != SV_REASON_NONE) {
-      return done.fault.reason != SV_REASON_NONE ? done.fault : stop;
+    if (sv_walk(robot, k, &done) || sv_heed_stop(robot)) {
+      return 1;
     }
     resting = k >= robot->nmove && sv_at_rest(robot) ? resting + 1 : 0;
     if (resting == SV_REST_PERIODS) {
-      return stop;
+      return 0;
     }
   }
-  return sv_because(SV_REASON_NO_REST, SV_NOBODY, 0, 0);
+  return sv_end(robot, SV_REASON_NO_REST);
 }

@@ -11,8 +11,8 @@
 extern "C" {
 #endif
 
-// Move every joint to neutral at the rig's homing speed, and return once it rests there, or why it does not.
-sv_fault sv_home(sv_robot* robot);
+// Move every joint to neutral at the rig's homing speed until it rests there; return whether the run has ended instead.
+int32_t sv_home(sv_robot* robot);
 
 // Aim in period k of homing: => goals (njoint).
 void sv_home_goals(const sv_robot* robot, int32_t k, int32_t* goals);

@@ -10,23 +10,21 @@ static void sv_begin(sv_record* record, int32_t type, int64_t t_us) {
   sv_record_i64(record, t_us);
 }
 
-static void sv_end(sv_robot* robot, sv_record* record) {
+static void sv_send(sv_robot* robot, sv_record* record) {
   const int32_t slack = robot->state == SV_STATE_OFF || robot->state == SV_STATE_CHECKED;
   if (!sv_record_end(record, slack ? sv_hal_now_us() + SV_ROOM_US : 0)) {
     robot->counts.dropped++;
   }
 }
 
-static void sv_put_reason(sv_record* record, const sv_fault* why) {
-  sv_record_u8(record, why->reason);
-  sv_record_u8(record, why->joint);
+static void sv_put_reason(sv_record* record, const sv_why* why) {
+  sv_record_u8(record, (uint32_t)why->reason);
+  sv_record_u8(record, (uint32_t)why->joint);
   sv_record_i32(record, why->a);
   sv_record_i32(record, why->b);
 }
 
-static void sv_put_age(sv_record* record, int64_t age_us) {
-  sv_record_varint(record, age_us < INT32_MAX ? (int32_t)age_us : INT32_MAX);
-}
+static void sv_put_age(sv_record* record, int64_t age_us) { sv_record_varint(record, sv_clip_us(age_us)); }
 
 void sv_log_hello(sv_robot* robot) {
   sv_record record;
@@ -35,7 +33,7 @@ void sv_log_hello(sv_robot* robot) {
   sv_record_u32(&record, robot->rig->fingerprint);
   sv_record_u32(&record, robot->program);
   sv_record_u8(&record, (uint32_t)sv_hal_reset_cause());
-  sv_end(robot, &record);
+  sv_send(robot, &record);
 }
 
 void sv_log_start(sv_robot* robot) {
@@ -46,16 +44,16 @@ void sv_log_start(sv_robot* robot) {
   sv_record_i32(&record, robot->wish.periods);
   sv_record_f32(&record, robot->wish.derate);
   sv_record_u8(&record, robot->wish.arm);
-  sv_end(robot, &record);
+  sv_send(robot, &record);
 }
 
-void sv_log_state(sv_robot* robot, int32_t left, const sv_fault* why) {
+void sv_log_state(sv_robot* robot, int32_t left, const sv_why* why) {
   sv_record record;
   sv_begin(&record, SV_RECORD_STATE, sv_hal_now_us());
   sv_record_u8(&record, (uint32_t)left);
   sv_record_u8(&record, robot->state);
   sv_put_reason(&record, why);
-  sv_end(robot, &record);
+  sv_send(robot, &record);
 }
 
 void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joint, int32_t address, int32_t value,
@@ -69,7 +67,7 @@ void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joi
   sv_record_i32(&record, value);
   sv_record_i32(&record, low);
   sv_record_i32(&record, high);
-  sv_end(robot, &record);
+  sv_send(robot, &record);
 }
 
 void sv_log_cycle(sv_robot* robot, int32_t k, const sv_period* done) {
@@ -107,7 +105,7 @@ void sv_log_cycle(sv_robot* robot, int32_t k, const sv_period* done) {
   for (int32_t i = 0; i < program->noutput; i++) {
     sv_record_varint(&record, done->aimed[i]);
   }
-  sv_end(robot, &record);
+  sv_send(robot, &record);
 }
 
 void sv_log_block(sv_robot* robot, int32_t type, int32_t joint, const sv_block* block, const uint8_t* data) {
@@ -119,7 +117,7 @@ void sv_log_block(sv_robot* robot, int32_t type, int32_t joint, const sv_block* 
   for (int32_t i = 0; i < block->size; i++) {
     sv_record_u8(&record, data[i]);
   }
-  sv_end(robot, &record);
+  sv_send(robot, &record);
 }
 
 void sv_log_event(sv_robot* robot, int32_t event, int32_t a) {
@@ -129,21 +127,21 @@ void sv_log_event(sv_robot* robot, int32_t event, int32_t a) {
   sv_record_u8(&record, SV_NOBODY);
   sv_record_i32(&record, a);
   sv_record_i32(&record, 0);
-  sv_end(robot, &record);
+  sv_send(robot, &record);
 }
 
 void sv_log_end(sv_robot* robot, uint32_t unsure) {
   sv_record record;
   sv_begin(&record, SV_RECORD_END, sv_hal_now_us());
   sv_record_u8(&record, robot->state);
-  sv_put_reason(&record, &robot->ended);
+  sv_put_reason(&record, &robot->watch.why);
   sv_record_i32(&record, robot->counts.cycles);
   sv_record_i32(&record, robot->counts.missed_deadlines);
   sv_record_i32(&record, robot->counts.missed_replies);
   sv_record_u32(&record, robot->bus.nbyte);
   sv_record_u32(&record, robot->counts.dropped);
   sv_record_u16(&record, unsure);
-  sv_end(robot, &record);
+  sv_send(robot, &record);
 }
 
 void sv_print(const char* text) {

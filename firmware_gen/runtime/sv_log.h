@@ -15,7 +15,7 @@ extern "C" {
 // Each writes one record of sv_record.h.
 void sv_log_hello(sv_robot* robot);
 void sv_log_start(sv_robot* robot);
-void sv_log_state(sv_robot* robot, int32_t left, const sv_fault* why);
+void sv_log_state(sv_robot* robot, int32_t left, const sv_why* why);
 void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joint, int32_t address, int32_t value,
                     int32_t low, int32_t high);
 void sv_log_cycle(sv_robot* robot, int32_t k, const sv_period* done);

@@ -25,13 +25,15 @@ void sv_wait_until(sv_robot* robot, int64_t until_us) {
   }
 }
 
-sv_fault sv_heed_stop(sv_robot* robot) {
+int32_t sv_heed_stop(sv_robot* robot) {
   sv_console_listen(robot);
-  if (robot->wish.stop != SV_REASON_NONE) {
-    return sv_because(robot->wish.stop, SV_NOBODY, 0, 0);
+  if (robot->wish.stop == SV_REASON_NONE && robot->lines.emergency_stop) {
+    robot->wish.stop = SV_REASON_STOP_LINE;
   }
-  return sv_because(robot->lines.emergency_stop ? SV_REASON_STOP_LINE : SV_REASON_NONE, SV_NOBODY, 0, 0);
+  return robot->wish.stop != SV_REASON_NONE && sv_end(robot, robot->wish.stop);
 }
+
+int32_t sv_end(sv_robot* robot, int32_t reason) { return sv_because(&robot->watch, reason, SV_NOBODY, 0, 0); }
 
 void sv_forget(sv_robot* robot) {
   sv_bus_init(&robot->bus, robot->rig);
@@ -116,28 +118,27 @@ static int32_t sv_ask(sv_robot* robot, int32_t joint, const sv_register* reg, in
 
 // Look into what servos report. A byte may have been damaged, so what is wrong is asked again; an alert that is not
 // answered for comes again with the next reply.
-static sv_fault sv_alerts(sv_robot* robot) {
+static int32_t sv_alerts(sv_robot* robot) {
   for (int32_t i = 0; i < robot->rig->njoint; i++) {
     const sv_joint* joint = robot->rig->joints + i;
     if (sv_judge_alert(robot->rig, &robot->watch, i, robot->replies + i)) {
       const int32_t status = sv_ask(robot, i, &joint->hardware_error, SV_ATTEMPTS, 0);
       const int32_t shutdown = sv_ask(robot, i, &joint->shutdown, 1, -1);
-      const sv_fault fault = sv_judge_hardware_error(robot->rig, i, status, shutdown);
-      if (fault.reason != SV_REASON_NONE) {
-        return fault;
+      if (sv_judge_hardware_error(robot->rig, &robot->watch, i, status, shutdown)) {
+        return 1;
       }
     }
   }
-  return sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0);
+  return 0;
 }
 
 // Judge whether joints do what they are told.
-static sv_fault sv_tracking(sv_robot* robot) {
+static int32_t sv_tracking(sv_robot* robot) {
   const sv_rig* rig = robot->rig;
-  if (rig->velocity_mode) {
-    return sv_judge_speeds(rig, &robot->watch, sv_hal_now_us(), robot->goals, robot->raw + rig->njoint, robot->raw);
-  }
-  return sv_judge_tracking(rig, &robot->watch, sv_hal_now_us(), robot->goals, robot->raw);
+  const int64_t now_us = sv_hal_now_us();
+  return rig->velocity_mode
+             ? sv_judge_speeds(rig, &robot->watch, now_us, robot->goals, robot->raw + rig->njoint, robot->raw)
+             : sv_judge_tracking(rig, &robot->watch, now_us, robot->goals, robot->raw);
 }
 
 static float sv_sensor_value(const sv_robot* robot, int32_t sensor) {
@@ -146,63 +147,53 @@ static float sv_sensor_value(const sv_robot* robot, int32_t sensor) {
 }
 
 // Judge how the base stands; an old pose says nothing about now.
-static sv_fault sv_tilt(sv_robot* robot, const int64_t* ages_us) {
+static int32_t sv_tilt(sv_robot* robot, const int64_t* ages_us) {
   const sv_rig* rig = robot->rig;
   const int32_t places[2] = {rig->roll, rig->pitch};
   for (int32_t i = 0; i < 2; i++) {
     if (places[i] < 0 || ages_us[places[i]] < 0 || ages_us[places[i]] > rig->sensors[places[i]].age_us_max) {
-      return sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0);
+      return 0;
     }
   }
   return sv_judge_tilt(rig, &robot->watch, sv_sensor_value(robot, rig->roll), sv_sensor_value(robot, rig->pitch));
 }
 
-// Return the fault that this period's data show.
-static sv_fault sv_judge_period(sv_robot* robot) {
+// Judge what this period's data show.
+static int32_t sv_judge_period(sv_robot* robot) {
   const sv_rig* rig = robot->rig;
+  sv_watch* watch = &robot->watch;
   int64_t ages_us[SV_SENSOR_MAX];
   for (int32_t i = 0; i < rig->nsensor; i++) {
     ages_us[i] = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
   }
-  sv_fault fault = sv_judge_replies(rig, &robot->watch, robot->replies);
-  if (fault.reason == SV_REASON_NONE) {
-    fault = sv_alerts(robot);
-  }
-  if (fault.reason == SV_REASON_NONE) {
-    fault = sv_judge_encoders(rig, &robot->watch, sv_hal_now_us(), robot->replies, robot->raw);
-  }
-  if (fault.reason == SV_REASON_NONE) {
-    fault = sv_judge_sensors(rig, &robot->watch, ages_us);
-  }
-  if (fault.reason == SV_REASON_NONE) {
-    fault = sv_tracking(robot);
-  }
-  return fault.reason == SV_REASON_NONE ? sv_tilt(robot, ages_us) : fault;
+  return sv_judge_replies(rig, watch, robot->replies) || sv_alerts(robot) ||
+         sv_judge_encoders(rig, watch, sv_hal_now_us(), robot->replies, robot->raw) ||
+         sv_judge_sensors(rig, watch, ages_us) || sv_tracking(robot) || sv_tilt(robot, ages_us);
 }
 
 // Take a last look at limits and rate, which those who aim should have kept.
-static sv_fault sv_refuse(const sv_robot* robot, const int32_t* goals) {
+static int32_t sv_refuse(sv_robot* robot, const int32_t* goals) {
   const sv_rig* rig = robot->rig;
   const float homing = rig->velocity_mode ? 0.0F : rig->safety.homing_rad_s;
   const float rate = robot->state == SV_STATE_RUNNING ? rig->slew_rad_s : homing;
   for (int32_t i = 0; i < rig->njoint; i++) {
     const sv_joint* joint = rig->joints + i;
+    const int32_t last = robot->goals[i];
     if (goals[i] < joint->goal_low || goals[i] > joint->goal_high) {
-      return sv_because(SV_REASON_LIMIT, i, goals[i], 0);
+      return sv_because(&robot->watch, SV_REASON_LIMIT, i, goals[i], 0);
     }
-    if (rig->velocity_mode && !joint->unlimited && (goals[i] == 0 || robot->goals[i] == 0)) {
+    if (rig->velocity_mode && !joint->unlimited && (goals[i] == 0 || last == 0)) {
       continue;  // near an end of its travel a joint is stopped at once, and let go at once
     }
-    const float count = rig->velocity_mode ? joint->speed_scale : joint->angle_scale;
-    const float unit = count < 0.0F ? -count : count;
-    const int32_t away = goals[i] - robot->goals[i];
-    const float step = (float)(away < 0 ? -away : away) * unit;
-    const float allowed = rate * (float)rig->period_us * 1.0e-6F + unit;
+    const float scale = rig->velocity_mode ? joint->speed_scale : joint->angle_scale;
+    const float unit = scale < 0.0F ? -scale : scale;
+    const float step = (float)(goals[i] < last ? last - goals[i] : goals[i] - last) * unit;
+    const float allowed = rate * ((float)rig->period_us * 1.0e-6F) + unit;
     if (rate > 0.0F && step > 1.001F * allowed) {
-      return sv_because(SV_REASON_RATE, i, goals[i], robot->goals[i]);
+      return sv_because(&robot->watch, SV_REASON_RATE, i, goals[i], last);
     }
   }
-  return sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0);
+  return 0;
 }
 
 // Write the goals, without the speed of a joint that it may have carried to an end of its travel.
@@ -220,43 +211,40 @@ static void sv_write_goals(sv_robot* robot, const sv_block* block, const int32_t
   sv_bus_sync_write(&robot->bus, block->address, block->size, data);
 }
 
-// Return the fault if this board was silent for so long that the servos' bus watchdogs have tripped.
-static sv_fault sv_stalled(sv_robot* robot, int64_t now_us) {
+// Judge whether this board was silent for so long that the servos' bus watchdogs have tripped.
+static int32_t sv_stalled(sv_robot* robot, int64_t now_us) {
   const int64_t silent_us = now_us - robot->ended_us;
   const int32_t watchdog_us = robot->rig->safety.watchdog_us;
   for (int32_t i = 0; i < robot->rig->njoint && watchdog_us > 0 && silent_us > watchdog_us; i++) {
     const sv_register* watchdog = &robot->rig->joints[i].watchdog;
     if (watchdog->size > 0 && sv_ask(robot, i, watchdog, SV_ATTEMPTS, 0) == SV_TRIPPED) {
-      return sv_because(SV_REASON_WATCHDOG, SV_NOBODY, silent_us < INT32_MAX ? (int32_t)silent_us : INT32_MAX, 0);
+      return sv_because(&robot->watch, SV_REASON_WATCHDOG, SV_NOBODY, sv_clip_us(silent_us), 0);
     }
   }
-  return sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0);
+  return 0;
 }
 
 // Read one servo's health registers.
-static sv_fault sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* block) {
+static int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* block) {
   uint8_t data[SV_HEALTH_BYTES_MAX];
   const sv_joint* joint = robot->rig->joints + number;
-  sv_fault fault = sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0);
-  const sv_reply reply = sv_bus_read(&robot->bus, number, block->address, block->size, data);
-  if (reply.status != SV_REPLY_DATA) {
-    return fault;
-  }
-  sv_log_block(robot, SV_RECORD_HEALTH, number, block, data);
   int32_t count = 0;
   int32_t temperature = 0;
+  if (sv_bus_read(&robot->bus, number, block->address, block->size, data).status != SV_REPLY_DATA) {
+    return 0;
+  }
+  sv_log_block(robot, SV_RECORD_HEALTH, number, block, data);
   // elsewhere each reply tells a hardware error, and it comes and goes with its cause
   if (robot->rig->protocol == SV_DYNAMIXEL2 && sv_in_block(block, data, &joint->hardware_error, &count) && count != 0) {
-    fault = sv_judge_hardware_error(robot->rig, number, count, sv_ask(robot, number, &joint->shutdown, 1, -1));
+    return sv_judge_hardware_error(robot->rig, &robot->watch, number, count,
+                                   sv_ask(robot, number, &joint->shutdown, 1, -1));
   }
-  if (fault.reason == SV_REASON_NONE && sv_in_block(block, data, &joint->torque, &count)) {
-    fault = sv_judge_torque(number, count);
+  if (sv_in_block(block, data, &joint->torque, &count) && sv_judge_torque(&robot->watch, number, count)) {
+    return 1;
   }
-  if (fault.reason == SV_REASON_NONE && sv_in_block(block, data, &joint->voltage, &count) &&
-      sv_in_block(block, data, &joint->temperature, &temperature)) {
-    fault = sv_judge_health(robot->rig, &robot->watch, number, count, temperature);
-  }
-  return fault;
+  return sv_in_block(block, data, &joint->voltage, &count) &&
+         sv_in_block(block, data, &joint->temperature, &temperature) &&
+         sv_judge_health(robot->rig, &robot->watch, number, count, temperature);
 }
 
 // A period that is more than one period late makes all later ones late by whole periods: no catching up.
@@ -280,48 +268,40 @@ static void sv_aim(sv_robot* robot, int32_t k, int32_t* goals) {
                 robot->terminals, robot->outputs, goals);
 }
 
-void sv_walk(sv_robot* robot, int32_t k, sv_period* done) {
+// Do one thing that is due, unless a fault keeps it from being done; return whether it shows a fault.
+static int32_t sv_do(sv_robot* robot, int32_t k, const sv_transaction* due, int32_t faulty, sv_period* done) {
+  switch (due->kind) {
+    case SV_READ_STATE:
+      sv_read_servos(robot, &due->block);
+      sv_read_sensors(robot);
+      done->read_us = sv_hal_now_us();
+      return 0;
+    case SV_RUN_CYCLE:
+      sv_aim(robot, k, done->aimed);
+      done->aimed_us = sv_hal_now_us();
+      return !faulty && sv_judge_period(robot);
+    case SV_WRITE_GOALS:
+      done->sent = !faulty && !sv_refuse(robot, done->aimed);
+      if (done->sent) {
+        sv_write_goals(robot, &due->block, done->aimed);
+      }
+      done->ended_us = sv_hal_now_us();
+      return !done->sent;
+    default:
+      return !faulty && sv_look_after_health(robot, due->servo, &due->block);
+  }
+}
+
+int32_t sv_walk(sv_robot* robot, int32_t k, sv_period* done) {
   sv_transaction due[SV_TRANSACTION_MAX];
   sv_await_period(robot);
   done->started_us = sv_hal_now_us();
-  done->sent = 0;
-  done->fault = sv_stalled(robot, done->started_us);
+  int32_t faulty = sv_stalled(robot, done->started_us);
   const int32_t ndue = sv_schedule_period(&robot->rig->schedule, k, due);
   for (int32_t i = 0; i < ndue; i++) {
-    switch (due[i].kind) {
-      case SV_READ_STATE:
-        sv_read_servos(robot, &due[i].block);
-        sv_read_sensors(robot);
-        done->read_us = sv_hal_now_us();
-        break;
-      case SV_RUN_CYCLE:
-        sv_aim(robot, k, done->aimed);
-        done->aimed_us = sv_hal_now_us();
-        if (done->fault.reason == SV_REASON_NONE) {
-          done->fault = sv_judge_period(robot);
-        }
-        break;
-      case SV_WRITE_GOALS:
-        if (done->fault.reason == SV_REASON_NONE) {
-          done->fault = sv_refuse(robot, done->aimed);
-        }
-        if (done->fault.reason == SV_REASON_NONE) {
-          sv_write_goals(robot, &due[i].block, done->aimed);
-          done->sent = 1;
-        }
-        done->ended_us = sv_hal_now_us();
-        break;
-      default:
-        if (done->fault.reason == SV_REASON_NONE) {
-          done->fault = sv_look_after_health(robot, due[i].servo, &due[i].block);
-        }
-        break;
-    }
+    faulty = sv_do(robot, k, due + i, faulty, done) || faulty;
   }
   robot->ended_us = sv_hal_now_us();
   done->overran = robot->ended_us > robot->begin_us + robot->rig->period_us;
-  const sv_fault late = sv_judge_timing(robot->rig, &robot->watch, done->overran);
-  if (done->fault.reason == SV_REASON_NONE) {
-    done->fault = late;
-  }
+  return faulty || sv_judge_timing(robot->rig, &robot->watch, done->overran);
 }

@@ -12,115 +12,106 @@
 #define SV_READS_MAX 64  // in one go: no babbling line holds it up
 #define SV_SECONDS 10    // length of a run, if nobody says another
 
-static sv_fault sv_nothing(void) { return sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0); }
+static int32_t sv_is_fault(const sv_robot* robot) { return robot->watch.why.reason >= SV_REASON_FINDING; }
 
-static int32_t sv_is_fault(const sv_fault* why) { return why->reason >= SV_REASON_FINDING; }
-
-static void sv_enter(sv_robot* robot, int32_t state, const sv_fault* why) {
+static void sv_enter_because(sv_robot* robot, int32_t state, const sv_why* why) {
   const int32_t left = robot->state;
   robot->state = (uint8_t)state;
   sv_log_state(robot, left, why);
 }
 
-static void sv_enter_for(sv_robot* robot, int32_t state, int32_t reason) {
-  const sv_fault why = sv_because(reason, SV_NOBODY, 0, 0);
-  sv_enter(robot, state, &why);
+static void sv_enter(sv_robot* robot, int32_t state, int32_t reason) {
+  const sv_why why = {reason, SV_NOBODY, 0, 0};
+  sv_enter_because(robot, state, &why);
 }
 
+// Enter a state because the run has ended.
+static void sv_enter_after(sv_robot* robot, int32_t state) { sv_enter_because(robot, state, &robot->watch.why); }
+
 // Write settings and seed the goals; then torque on.
-static sv_fault sv_arm(sv_robot* robot) {
-  sv_fault fault = sv_write_settings(robot);
-  if (fault.reason == SV_REASON_NONE) {
-    fault = sv_heed_stop(robot);
+static int32_t sv_arm(sv_robot* robot) {
+  if (sv_write_settings(robot) || sv_heed_stop(robot) || sv_seed_goals(robot)) {
+    return 1;
   }
-  if (fault.reason == SV_REASON_NONE) {
-    fault = sv_seed_goals(robot);
-  }
-  if (fault.reason == SV_REASON_NONE) {
-    sv_enter_for(robot, SV_STATE_ARMED, SV_REASON_WRITTEN);
-    fault = sv_torque_on(robot);
-  }
-  return fault;
+  sv_enter(robot, SV_STATE_ARMED, SV_REASON_WRITTEN);
+  return sv_torque_on(robot);
 }
 
 // Step the controller until the time is over.
-static sv_fault sv_control(sv_robot* robot) {
+static void sv_control(sv_robot* robot) {
   sv_period done;
   sv_cycle_reset(robot->rig->cycle, &robot->cycle, robot->registers, robot->memory);
-  sv_enter_for(robot, SV_STATE_RUNNING, SV_REASON_RESTED);
+  sv_enter(robot, SV_STATE_RUNNING, SV_REASON_RESTED);
   for (int32_t k = 0; k < robot->wish.periods; k++) {
-    sv_walk(robot, k, &done);
+    const int32_t faulty = sv_walk(robot, k, &done);
     sv_log_cycle(robot, k, &done);
     robot->counts.cycles = k + 1;
     robot->counts.missed_deadlines += done.overran;
     for (int32_t i = 0; i < robot->rig->njoint; i++) {
       robot->counts.missed_replies += robot->replies[i].status != SV_REPLY_DATA;
     }
-    const sv_fault stop = sv_heed_stop(robot);
-    if (done.fault.reason != SV_REASON_NONE || stop.reason != SV_REASON_NONE) {
-      return done.fault.reason != SV_REASON_NONE ? done.fault : stop;
+    if (faulty || sv_heed_stop(robot)) {
+      return;
     }
   }
   // the end of the last period
   sv_wait_until(robot, robot->begin_us + robot->rig->period_us);
   sv_read_sensors(robot);
-  return sv_because(SV_REASON_TIME, SV_NOBODY, 0, 0);
+  (void)sv_end(robot, SV_REASON_TIME);
 }
 
-// Go through the states until something ends the run: => whether anything may have been written.
-static sv_fault sv_go(sv_robot* robot, int32_t* touched) {
+// Go through the states until something ends the run; return whether anything may have been written.
+static int32_t sv_go(sv_robot* robot) {
   if (robot->selftest != 0) {
-    return sv_because(SV_REASON_SELFTEST, SV_NOBODY, robot->selftest, 0);
+    (void)sv_because(&robot->watch, SV_REASON_SELFTEST, SV_NOBODY, robot->selftest, 0);
+    return 0;
   }
-  sv_fault fault = sv_check_rig(robot);
-  if (fault.reason != SV_REASON_NONE) {
-    return fault;
+  if (sv_check_rig(robot)) {
+    return 0;
   }
-  sv_enter_for(robot, SV_STATE_CHECKED, SV_REASON_WELL);
+  sv_enter(robot, SV_STATE_CHECKED, SV_REASON_WELL);
   if (!robot->wish.arm) {
-    return sv_because(SV_REASON_DRY_RUN, SV_NOBODY, 0, 0);
+    (void)sv_end(robot, SV_REASON_DRY_RUN);
+    return 0;
   }
-  *touched = 1;
-  fault = sv_arm(robot);
-  if (fault.reason == SV_REASON_NONE) {
-    sv_enter_for(robot, SV_STATE_HOMING, SV_REASON_TORQUE_ON);
-    fault = sv_home(robot);
+  if (!sv_arm(robot)) {
+    sv_enter(robot, SV_STATE_HOMING, SV_REASON_TORQUE_ON);
+    if (!sv_home(robot)) {
+      sv_control(robot);
+    }
   }
-  return fault.reason == SV_REASON_NONE ? sv_control(robot) : fault;
+  return 1;
 }
 
 // Take torque from every servo, or hand it over to hold after a run that was done; return who is unsure.
 static uint32_t sv_unload(sv_robot* robot) {
-  if (robot->ended.reason == SV_REASON_TIME && robot->rig->safety.stop_holds) {
-    const sv_fault fault = sv_hold(robot);
-    if (fault.reason == SV_REASON_NONE) {
-      sv_log_event(robot, SV_EVENT_HELD, 0);
-      return 0;
-    }
-    robot->ended = fault;
+  if (robot->watch.why.reason == SV_REASON_TIME && robot->rig->safety.stop_holds && !sv_hold(robot)) {
+    sv_log_event(robot, SV_EVENT_HELD, 0);
+    return 0;
   }
   const uint32_t unsure = sv_release(robot);
   sv_log_event(robot, unsure != 0U ? SV_EVENT_UNSURE : SV_EVENT_RELEASED, (int32_t)unsure);
   return unsure;
 }
 
+// End a run, or what a reset has left of one.
 static void sv_leave(sv_robot* robot, int32_t touched) {
   uint32_t unsure = 0;
-  if (sv_is_fault(&robot->ended)) {
-    sv_enter(robot, SV_STATE_FAULT, &robot->ended);
+  if (sv_is_fault(robot)) {
+    sv_enter_after(robot, SV_STATE_FAULT);
   } else if (robot->state != SV_STATE_OFF && robot->state != SV_STATE_CHECKED) {
-    sv_enter(robot, SV_STATE_STOPPING, &robot->ended);
+    sv_enter_after(robot, SV_STATE_STOPPING);
   }
   if (touched) {
     unsure = sv_unload(robot);
   }
-  if (unsure != 0U && !sv_is_fault(&robot->ended)) {
-    robot->ended = sv_because(SV_REASON_TORQUE_UNSURE, SV_NOBODY, (int32_t)unsure, 0);
+  if (unsure != 0U && !sv_is_fault(robot)) {
+    (void)sv_because(&robot->watch, SV_REASON_TORQUE_UNSURE, SV_NOBODY, (int32_t)unsure, 0);
   }
-  if (sv_is_fault(&robot->ended) && robot->state != SV_STATE_FAULT) {
-    sv_enter(robot, SV_STATE_FAULT, &robot->ended);
+  if (sv_is_fault(robot) && robot->state != SV_STATE_FAULT) {
+    sv_enter_after(robot, SV_STATE_FAULT);
   } else if (robot->state == SV_STATE_STOPPING || robot->state == SV_STATE_CHECKED) {
-    sv_enter(robot, SV_STATE_OFF, &robot->ended);
+    sv_enter_after(robot, SV_STATE_OFF);
   }
   sv_log_end(robot, unsure);
 }
@@ -146,14 +137,12 @@ void sv_robot_poll(sv_robot* robot) {
     sv_hal_wait(sv_hal_now_us() + SV_IDLE_US);
     return;
   }
-  int32_t touched = 0;
   sv_begin_run(robot);
-  robot->ended = sv_go(robot, &touched);
-  sv_leave(robot, touched);
+  sv_leave(robot, sv_go(robot));
   robot->wish.arm = 0;
   robot->wish.start = 0;
-  sv_print(sv_is_fault(&robot->ended) ? "fault" : "ended by");
-  sv_print_number(robot->ended.reason);
+  sv_print(sv_is_fault(robot) ? "fault" : "ended by");
+  sv_print_number(robot->watch.why.reason);
   sv_print("\r\n");
 }
 
@@ -171,12 +160,11 @@ void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_
   robot->pressed = 1;
   robot->ncommand = 0;
   robot->wish = wish;
-  robot->ended = sv_nothing();
   robot->counts = none;
   sv_forget(robot);
   sv_log_hello(robot);
   if (cause != SV_RESET_POWER) {
-    robot->ended = sv_because(SV_REASON_RESET, SV_NOBODY, cause, 0);
+    (void)sv_because(&robot->watch, SV_REASON_RESET, SV_NOBODY, cause, 0);
     sv_leave(robot, 1);
   }
   sv_print("servolve: try help\r\n");

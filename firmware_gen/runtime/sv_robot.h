@@ -51,7 +51,6 @@ typedef struct {
   uint8_t ncommand;
   char command[SV_COMMAND_MAX];
   sv_wish wish;
-  sv_fault ended;  // why the last run did
   sv_counts counts;
   sv_bus bus;
   sv_lines lines;

@@ -21,6 +21,8 @@ static float sv_angle(const sv_joint* joint, int32_t count) {
   return (float)(count - joint->zero) * joint->angle_scale;
 }
 
+int32_t sv_clip_us(int64_t us) { return us < INT32_MAX ? (int32_t)us : INT32_MAX; }
+
 int32_t sv_milli(float value) {
   const float scaled = value * 1000.0F;
   if (!(scaled < 2.0e9F && scaled > -2.0e9F)) {
@@ -29,12 +31,11 @@ int32_t sv_milli(float value) {
   return (int32_t)(scaled < 0.0F ? scaled - 0.5F : scaled + 0.5F);
 }
 
-sv_fault sv_because(int32_t reason, int32_t joint, int32_t a, int32_t b) {
-  const sv_fault fault = {(uint8_t)reason, (uint8_t)joint, a, b};
-  return fault;
+int32_t sv_because(sv_watch* watch, int32_t reason, int32_t joint, int32_t a, int32_t b) {
+  const sv_why why = {reason, joint, a, b};
+  watch->why = why;
+  return 1;
 }
-
-static sv_fault sv_well(void) { return sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0); }
 
 void sv_watch_init(sv_watch* watch) {
   for (int32_t i = 0; i < SV_JOINT_MAX; i++) {
@@ -46,24 +47,25 @@ void sv_watch_init(sv_watch* watch) {
   }
   watch->tilted = 0;
   watch->overruns = 0;
+  watch->why.reason = SV_REASON_NONE;
 }
 
 // Return what to say of a joint that has been silent for too long, or of all.
-static sv_fault sv_blame(int32_t joint, const sv_reply* reply, int32_t everyone, int32_t late, int32_t missed,
-                         int32_t mostly) {
+static int32_t sv_blame(sv_watch* watch, int32_t joint, const sv_reply* reply, int32_t everyone, int32_t late,
+                        int32_t missed, int32_t mostly) {
   if (late) {
-    return sv_because(SV_REASON_LATE, everyone ? SV_NOBODY : joint, missed, mostly);
+    return sv_because(watch, SV_REASON_LATE, everyone ? SV_NOBODY : joint, missed, mostly);
   }
   if (everyone || reply->status == SV_REPLY_MISSING) {
-    return sv_because(SV_REASON_SILENT, everyone ? SV_NOBODY : joint, missed, mostly);
+    return sv_because(watch, SV_REASON_SILENT, everyone ? SV_NOBODY : joint, missed, mostly);
   }
   if (reply->status == SV_REPLY_CORRUPT) {
-    return sv_because(SV_REASON_CORRUPT, joint, missed, mostly);
+    return sv_because(watch, SV_REASON_CORRUPT, joint, missed, mostly);
   }
-  return sv_because(SV_REASON_REFUSED, joint, missed, mostly | reply->error << 8);
+  return sv_because(watch, SV_REASON_REFUSED, joint, missed, mostly | reply->error << 8);
 }
 
-sv_fault sv_judge_replies(const sv_rig* rig, sv_watch* watch, const sv_reply* replies) {
+int32_t sv_judge_replies(const sv_rig* rig, sv_watch* watch, const sv_reply* replies) {
   const int32_t most = rig->safety.missed_max;
   int32_t everyone = rig->njoint > 1;
   int32_t late = 0;
@@ -79,10 +81,10 @@ sv_fault sv_judge_replies(const sv_rig* rig, sv_watch* watch, const sv_reply* re
   for (int32_t i = 0; i < rig->njoint; i++) {
     const sv_watch_joint* joint = watch->joints + i;
     if (joint->missed > most || (joint->missed != 0 && joint->poor > most + SV_POOR_MAX)) {
-      return sv_blame(i, replies + i, everyone, late, joint->missed, joint->missed <= most);
+      return sv_blame(watch, i, replies + i, everyone, late, joint->missed, joint->missed <= most);
     }
   }
-  return sv_well();
+  return 0;
 }
 
 int32_t sv_judge_alert(const sv_rig* rig, sv_watch* watch, int32_t joint, const sv_reply* reply) {
@@ -95,17 +97,17 @@ int32_t sv_judge_alert(const sv_rig* rig, sv_watch* watch, int32_t joint, const 
   return *alerted >= (passing ? SV_PERSISTENT : 1);
 }
 
-sv_fault sv_judge_hardware_error(const sv_rig* rig, int32_t joint, int32_t status, int32_t shutdown) {
+int32_t sv_judge_hardware_error(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t status, int32_t shutdown) {
   // an error byte has bits beside these that are about the question
   const int32_t meant = rig->joints[joint].hardware_error.size > 0 ? status : status & rig->joints[joint].error_bits;
-  return meant == 0 ? sv_well() : sv_because(SV_REASON_HARDWARE, joint, meant, shutdown);
+  return meant != 0 && sv_because(watch, SV_REASON_HARDWARE, joint, meant, shutdown);
 }
 
-sv_fault sv_judge_torque(int32_t joint, int32_t torque) {
-  return torque != 0 ? sv_well() : sv_because(SV_REASON_NO_TORQUE, joint, 0, 0);
+int32_t sv_judge_torque(sv_watch* watch, int32_t joint, int32_t torque) {
+  return torque == 0 && sv_because(watch, SV_REASON_NO_TORQUE, joint, 0, 0);
 }
 
-sv_fault sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int64_t* ages_us) {
+int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int64_t* ages_us) {
   for (int32_t i = 0; i < rig->nsensor; i++) {
     const int32_t age_us_max = rig->sensors[i].age_us_max;
     if (!rig->sensors[i].needed) {
@@ -114,16 +116,16 @@ sv_fault sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int64_t* age
     const int32_t fresh = ages_us[i] >= 0 && ages_us[i] <= age_us_max;
     watch->stale[i] = fresh ? 0 : watch->stale[i] + 1;
     if (watch->stale[i] > rig->safety.missed_max) {
-      return sv_because(SV_REASON_STALE, i, ages_us[i] < INT32_MAX ? (int32_t)ages_us[i] : INT32_MAX, age_us_max);
+      return sv_because(watch, SV_REASON_STALE, i, sv_clip_us(ages_us[i]), age_us_max);
     }
   }
-  return sv_well();
+  return 0;
 }
 
-sv_fault sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, const sv_reply* replies,
-                           const int32_t* counts) {
+int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, const sv_reply* replies,
+                          const int32_t* counts) {
   if (rig->velocity_mode) {
-    return sv_well();
+    return 0;
   }
   // a sum of bytes does not always tell that a packet is damaged, a CRC does
   const int32_t jumped_max = rig->protocol == SV_DYNAMIXEL2 ? 0 : 1;
@@ -144,10 +146,10 @@ sv_fault sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, c
     }
     joint->jumped++;
     if (joint->jumped > jumped_max) {
-      return sv_because(SV_REASON_JUMP, i, sv_milli(way), (int32_t)(now_us - joint->believed_us));
+      return sv_because(watch, SV_REASON_JUMP, i, sv_milli(way), (int32_t)(now_us - joint->believed_us));
     }
   }
-  return sv_well();
+  return 0;
 }
 
 // Return for how long a joint has been off its track, 0 if it is on it [us].
@@ -162,36 +164,36 @@ static int32_t sv_off_track(sv_watch_joint* joint, int64_t now_us, int32_t off) 
   return (int32_t)(now_us - joint->off_track_us);
 }
 
-sv_fault sv_judge_tracking(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals,
-                           const int32_t* counts) {
+int32_t sv_judge_tracking(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals,
+                          const int32_t* counts) {
   for (int32_t i = 0; i < rig->njoint; i++) {
     const float away = sv_absolute((float)(goals[i] - counts[i]) * rig->joints[i].angle_scale);
     const int32_t off_us = sv_off_track(watch->joints + i, now_us, !(away <= rig->safety.tracking_rad_max));
     if (off_us > rig->safety.tracking_us_max) {
-      return sv_because(SV_REASON_TRACKING, i, sv_milli(away), off_us);
+      return sv_because(watch, SV_REASON_TRACKING, i, sv_milli(away), off_us);
     }
   }
-  return sv_well();
+  return 0;
 }
 
-sv_fault sv_judge_speeds(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals,
-                         const int32_t* speeds, const int32_t* counts) {
+int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals, const int32_t* speeds,
+                        const int32_t* counts) {
   const float slack = rig->safety.tracking_rad_max;
   for (int32_t i = 0; i < rig->njoint; i++) {
     const sv_joint* joint = rig->joints + i;
     const float angle = sv_angle(joint, counts[i]);
     if (!joint->unlimited && !(angle >= joint->low_rad - slack && angle <= joint->high_rad + slack)) {
-      return sv_because(SV_REASON_OUTSIDE, i, sv_milli(angle), 0);
+      return sv_because(watch, SV_REASON_OUTSIDE, i, sv_milli(angle), 0);
     }
     const float asked = (float)goals[i] * joint->speed_scale;
     const float done = (float)speeds[i] * joint->speed_scale;
     const int32_t stuck =
         sv_absolute(asked) > kSpeedShare * joint->speed_max && done * asked < kSpeedShare * asked * asked;
     if (sv_off_track(watch->joints + i, now_us, stuck) > rig->safety.tracking_us_max) {
-      return sv_because(SV_REASON_BLOCKED, i, sv_milli(done), sv_milli(asked));
+      return sv_because(watch, SV_REASON_BLOCKED, i, sv_milli(done), sv_milli(asked));
     }
   }
-  return sv_well();
+  return 0;
 }
 
 // Return the square root of 0..1, by Newton's steps from above.
@@ -210,26 +212,26 @@ static float sv_acos(float c) {
   return cosine > 0.0F ? 2.0F * sv_atan(sine / cosine) : 3.14159274F;
 }
 
-sv_fault sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitch) {
+int32_t sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitch) {
   const float most = rig->safety.tilt_rad_max;
   const float tilt = most > 0.0F ? sv_acos(sv_cos(roll) * sv_cos(pitch)) : 0.0F;
   watch->tilted = tilt > most ? watch->tilted + 1 : 0;
-  return watch->tilted >= SV_PERSISTENT ? sv_because(SV_REASON_TILT, SV_NOBODY, sv_milli(tilt), 0) : sv_well();
+  return watch->tilted >= SV_PERSISTENT && sv_because(watch, SV_REASON_TILT, SV_NOBODY, sv_milli(tilt), 0);
 }
 
-sv_fault sv_judge_health(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t voltage, int32_t temperature) {
+int32_t sv_judge_health(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t voltage, int32_t temperature) {
   const int32_t millivolts = sv_milli((float)voltage * rig->joints[joint].voltage_scale);
   sv_watch_joint* counted = watch->joints + joint;
   counted->hot = (float)temperature > rig->safety.temperature_max ? counted->hot + 1 : 0;
   counted->low = millivolts < sv_milli(rig->safety.voltage_low) ? counted->low + 1 : 0;
   if (counted->hot >= SV_PERSISTENT) {
-    return sv_because(SV_REASON_HOT, joint, temperature, 0);
+    return sv_because(watch, SV_REASON_HOT, joint, temperature, 0);
   }
-  return counted->low >= SV_PERSISTENT ? sv_because(SV_REASON_LOW, joint, millivolts, 0) : sv_well();
+  return counted->low >= SV_PERSISTENT && sv_because(watch, SV_REASON_LOW, joint, millivolts, 0);
 }
 
-sv_fault sv_judge_timing(const sv_rig* rig, sv_watch* watch, int32_t overran) {
+int32_t sv_judge_timing(const sv_rig* rig, sv_watch* watch, int32_t overran) {
   watch->overruns = overran ? watch->overruns + 1 : 0;
-  return watch->overruns > rig->safety.overrun_max ? sv_because(SV_REASON_OVERRUN, SV_NOBODY, watch->overruns, 0)
-                                                   : sv_well();
+  return watch->overruns > rig->safety.overrun_max &&
+         sv_because(watch, SV_REASON_OVERRUN, SV_NOBODY, watch->overruns, 0);
 }

@@ -1,7 +1,7 @@
 // When a run must stop: isolated glitches ride through, persistent ones stop.
 //
-// Each sv_judge_… looks at one thing for one period, keeps its count in the watch, and returns the fault that ends the
-// run, or SV_REASON_NONE. The same rules as the host loop's (deploy/safety.py).
+// Each sv_judge_… looks at one thing for one period, keeps its count in the watch, and returns whether that ends the
+// run; the watch then holds why. The same rules as the host loop's (deploy/safety.py).
 
 #ifndef SV_SAFETY_H_
 #define SV_SAFETY_H_
@@ -20,11 +20,11 @@ extern "C" {
 
 // Why a run goes on, stops, or must stop.
 typedef struct {
-  uint8_t reason;  // sv_reason
-  uint8_t joint;   // or sensor; SV_NOBODY: none
+  int32_t reason;  // sv_reason
+  int32_t joint;   // or sensor; SV_NOBODY: none
   int32_t a;       // see sv_reason.h
   int32_t b;
-} sv_fault;
+} sv_why;
 
 // What has lasted, by joint.
 typedef struct {
@@ -44,10 +44,14 @@ typedef struct {
   int32_t stale[SV_SENSOR_MAX];  // periods in a row with an old value
   int32_t tilted;                // periods in a row with too much tilt
   int32_t overruns;              // periods in a row that were not done in time
+  sv_why why;                    // the run has ended; SV_REASON_NONE: it has not
 } sv_watch;
 
-// Return a reason with what it is about.
-sv_fault sv_because(int32_t reason, int32_t joint, int32_t a, int32_t b);
+// Hold a reason with what it is about; return 1: the run has ended.
+int32_t sv_because(sv_watch* watch, int32_t reason, int32_t joint, int32_t a, int32_t b);
+
+// Return a time that fits 32 bits.
+int32_t sv_clip_us(int64_t us);
 
 // Return thousandths, rounded to nearest and saturated.
 int32_t sv_milli(float value);
@@ -56,41 +60,41 @@ int32_t sv_milli(float value);
 void sv_watch_init(sv_watch* watch);
 
 // Stop when one servo has been silent for too many periods, or in most of them: replies (njoint).
-sv_fault sv_judge_replies(const sv_rig* rig, sv_watch* watch, const sv_reply* replies);
+int32_t sv_judge_replies(const sv_rig* rig, sv_watch* watch, const sv_reply* replies);
 
 // Return whether to look into what a servo reports: at once, but for a voltage that may be back in a moment.
 int32_t sv_judge_alert(const sv_rig* rig, sv_watch* watch, int32_t joint, const sv_reply* reply);
 
 // Stop when a servo reports a hardware error; shutdown -1: unknown.
-sv_fault sv_judge_hardware_error(const sv_rig* rig, int32_t joint, int32_t status, int32_t shutdown);
+int32_t sv_judge_hardware_error(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t status, int32_t shutdown);
 
 // Stop when a servo that should move has no torque.
-sv_fault sv_judge_torque(int32_t joint, int32_t torque);
+int32_t sv_judge_torque(sv_watch* watch, int32_t joint, int32_t torque);
 
 // Stop when a sensor that is needed has been old for too many periods: ages_us (nsensor), -1: never read.
-sv_fault sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int64_t* ages_us);
+int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int64_t* ages_us);
 
 // Stop when an angle has jumped farther than its servo can turn: replies (njoint), encoder counts (njoint).
-sv_fault sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, const sv_reply* replies,
-                           const int32_t* counts);
+int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, const sv_reply* replies,
+                          const int32_t* counts);
 
 // Stop when a joint has been far from its goal for too long: goals and encoder counts (njoint).
-sv_fault sv_judge_tracking(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals,
-                           const int32_t* counts);
+int32_t sv_judge_tracking(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals,
+                          const int32_t* counts);
 
 // Stop when a joint that is driven by its speed hardly moves, or runs the other way, or is beyond its limits: goals and
 // speeds [velocity counts], encoder counts (njoint).
-sv_fault sv_judge_speeds(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals,
-                         const int32_t* speeds, const int32_t* counts);
+int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals, const int32_t* speeds,
+                        const int32_t* counts);
 
 // Stop when the base has fallen over: angles [rad].
-sv_fault sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitch);
+int32_t sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitch);
 
 // Stop when a servo is too hot or its supply too low: register counts.
-sv_fault sv_judge_health(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t voltage, int32_t temperature);
+int32_t sv_judge_health(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t voltage, int32_t temperature);
 
 // Stop when too many periods in a row were not done in time.
-sv_fault sv_judge_timing(const sv_rig* rig, sv_watch* watch, int32_t overran);
+int32_t sv_judge_timing(const sv_rig* rig, sv_watch* watch, int32_t overran);
 
 #ifdef __cplusplus
 }

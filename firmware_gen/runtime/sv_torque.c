@@ -9,68 +9,76 @@
 #define SV_RELEASE_PAUSE_US 50000
 #define SV_RELEASE_PATIENCE_US 60000
 
-static sv_fault sv_taken(void) { return sv_because(SV_REASON_NONE, SV_NOBODY, 0, 0); }
+// Say that a register was not taken, or could not be read.
+static int32_t sv_not_taken(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t b) {
+  return sv_because(&robot->watch, SV_REASON_SETTING, joint, reg->address, b);
+}
 
-static sv_fault sv_not_taken(int32_t joint, const sv_register* reg, const sv_reply* reply) {
-  return sv_because(SV_REASON_SETTING, joint, reg->address, reply->status << 16 | reply->error);
+// Read one register: => count.
+static int32_t sv_get(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t* count) {
+  const sv_reply reply = sv_bus_read_register(&robot->bus, joint, reg, SV_ATTEMPTS, count);
+  return reply.status != SV_REPLY_DATA && sv_not_taken(robot, joint, reg, reply.status << 16 | reply.error);
 }
 
 // Write one register and read it back.
-static sv_fault sv_set(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t count) {
+static int32_t sv_set(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t count) {
   int32_t held = 0;
   sv_hal_feed_watchdog();
   const sv_reply reply = sv_bus_write_register(&robot->bus, joint, reg, count, SV_ATTEMPTS, &held);
   if (reply.status != SV_REPLY_DATA) {
-    return sv_not_taken(joint, reg, &reply);
+    return sv_not_taken(robot, joint, reg, reply.status << 16 | reply.error);
   }
-  return held == count ? sv_taken() : sv_because(SV_REASON_SETTING, joint, reg->address, held);
+  return held != count && sv_not_taken(robot, joint, reg, held);
 }
 
-sv_fault sv_write_settings(sv_robot* robot) {
-  sv_fault fault = sv_taken();
+int32_t sv_write_settings(sv_robot* robot) {
   for (int32_t i = 0; i < robot->rig->njoint; i++) {
     const sv_joint* joint = robot->rig->joints + i;
-    for (int32_t n = 0; n < joint->nsetting && fault.reason == SV_REASON_NONE; n++) {
-      fault = sv_set(robot, i, &joint->settings[n].reg, joint->settings[n].value);
+    for (int32_t n = 0; n < joint->nsetting; n++) {
+      if (sv_set(robot, i, &joint->settings[n].reg, joint->settings[n].value)) {
+        return 1;
+      }
     }
-    if (fault.reason == SV_REASON_NONE && joint->ceiling.size > 0) {
-      fault = sv_set(robot, i, &joint->ceiling, sv_derate(joint->ceiling_count, robot->wish.derate));
+    if (joint->ceiling.size > 0 &&
+        sv_set(robot, i, &joint->ceiling, sv_derate(joint->ceiling_count, robot->wish.derate))) {
+      return 1;
     }
   }
-  return fault;
+  return 0;
 }
 
-sv_fault sv_seed_goals(sv_robot* robot) {
-  sv_fault fault = sv_taken();
-  for (int32_t i = 0; i < robot->rig->njoint && fault.reason == SV_REASON_NONE; i++) {
+int32_t sv_seed_goals(sv_robot* robot) {
+  for (int32_t i = 0; i < robot->rig->njoint; i++) {
     const sv_joint* joint = robot->rig->joints + i;
     int32_t goal = 0;
-    if (!robot->rig->velocity_mode) {
-      const sv_reply reply = sv_bus_read_register(&robot->bus, i, &joint->position, SV_ATTEMPTS, &goal);
-      if (reply.status != SV_REPLY_DATA) {
-        return sv_not_taken(i, &joint->position, &reply);
-      }
-      goal = goal > joint->seed_low ? goal : joint->seed_low;
-      goal = goal < joint->seed_high ? goal : joint->seed_high;
+    if (!robot->rig->velocity_mode && sv_get(robot, i, &joint->position, &goal)) {
+      return 1;
     }
+    // of a velocity, both are 0
+    goal = goal > joint->seed_low ? goal : joint->seed_low;
+    goal = goal < joint->seed_high ? goal : joint->seed_high;
     robot->goals[i] = goal;
-    fault = sv_set(robot, i, &joint->goal, goal);
+    if (sv_set(robot, i, &joint->goal, goal)) {
+      return 1;
+    }
   }
-  return fault;
+  return 0;
 }
 
-sv_fault sv_torque_on(sv_robot* robot) {
+int32_t sv_torque_on(sv_robot* robot) {
   const sv_rig* rig = robot->rig;
-  sv_fault fault = sv_taken();
-  for (int32_t i = 0; i < rig->njoint && fault.reason == SV_REASON_NONE; i++) {
-    fault = sv_set(robot, i, &rig->joints[i].torque, 1);
-  }
-  for (int32_t i = 0; i < rig->njoint && fault.reason == SV_REASON_NONE && rig->safety.watchdog_us > 0; i++) {
-    if (rig->joints[i].watchdog.size > 0) {
-      fault = sv_set(robot, i, &rig->joints[i].watchdog, rig->safety.watchdog_count);
+  for (int32_t i = 0; i < rig->njoint; i++) {
+    if (sv_set(robot, i, &rig->joints[i].torque, 1)) {
+      return 1;
     }
   }
-  return fault;
+  for (int32_t i = 0; i < rig->njoint && rig->safety.watchdog_us > 0; i++) {
+    const sv_register* watchdog = &rig->joints[i].watchdog;
+    if (watchdog->size > 0 && sv_set(robot, i, watchdog, rig->safety.watchdog_count)) {
+      return 1;
+    }
+  }
+  return 0;
 }
 
 // Set the same register of every servo to 0, without waiting for anybody.
@@ -134,21 +142,15 @@ uint32_t sv_release(sv_robot* robot) {
   return left;
 }
 
-sv_fault sv_hold(sv_robot* robot) {
-  sv_fault fault = sv_taken();
-  for (int32_t i = 0; i < robot->rig->njoint && fault.reason == SV_REASON_NONE; i++) {
+int32_t sv_hold(sv_robot* robot) {
+  for (int32_t i = 0; i < robot->rig->njoint; i++) {
     const sv_joint* joint = robot->rig->joints + i;
-    if (robot->rig->velocity_mode) {
-      fault = sv_set(robot, i, &joint->goal, 0);
-    }
-    if (fault.reason == SV_REASON_NONE && joint->watchdog.size > 0) {
-      fault = sv_set(robot, i, &joint->watchdog, 0);
-    }
-    if (fault.reason == SV_REASON_NONE) {
-      int32_t torque = 0;
-      const sv_reply reply = sv_bus_read_register(&robot->bus, i, &joint->torque, SV_ATTEMPTS, &torque);
-      fault = reply.status != SV_REPLY_DATA ? sv_not_taken(i, &joint->torque, &reply) : sv_judge_torque(i, torque == 1);
+    int32_t torque = 0;
+    if ((robot->rig->velocity_mode && sv_set(robot, i, &joint->goal, 0)) ||
+        (joint->watchdog.size > 0 && sv_set(robot, i, &joint->watchdog, 0)) ||
+        sv_get(robot, i, &joint->torque, &torque) || sv_judge_torque(&robot->watch, i, torque == 1)) {
+      return 1;
     }
   }
-  return fault;
+  return 0;
 }
