@@ -6,6 +6,7 @@ to be asked again, properly, through a bus.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -69,7 +70,7 @@ def broadcast_ping(port: SerialPort) -> Answers:
     return Answers(models, garbled or bool(rest))
 
 
-def ping_each(port: SerialPort, ids: Sequence[int]) -> Answers:
+def ping_each(port: SerialPort, ids: Sequence[int], until_s: float = math.inf) -> Answers:
     """Ask servos of protocol 1 framing one after the other: Dynamixel 1.0 and Feetech.
 
     An adapter that holds replies back does not hold up the line: the next question goes out when the line is free, and
@@ -78,6 +79,7 @@ def ping_each(port: SerialPort, ids: Sequence[int]) -> Answers:
     Args:
         port: the open port
         ids: whom to ask
+        until_s: when to ask nobody else, by the port's time [s]
     """
     line_s = 2 * _STATUS_1_BYTES * port.byte_s + _RETURN_DELAY_S_MAX
     heard: list[bytes] = []
@@ -90,8 +92,8 @@ def ping_each(port: SerialPort, ids: Sequence[int]) -> Answers:
         question = b"\xff\xff" + body + bytes((~sum(body) & 0xFF,))
         questions.append(question)
         port.writePort(question)
-        patience_s = port.latency_s if number == len(ids) - 1 else min(port.latency_s, _PATIENCE_S)
-        until = port.now() + line_s + patience_s
+        last = number == len(ids) - 1 or port.now() >= until_s
+        until = port.now() + line_s + (port.latency_s if last else min(port.latency_s, _PATIENCE_S))
         while port.wait(until):
             pending += port.readPort(port.getBytesAvailable())
             pending, found, bad = _statuses_1(pending)
@@ -99,6 +101,8 @@ def ping_each(port: SerialPort, ids: Sequence[int]) -> Answers:
             garbled |= bad
             if not pending and any(packet[2] == servo and packet != question for packet in found):
                 break
+        if last:
+            break
     port.end_transaction()
     if len(questions) > 1 and all(question in heard for question in questions):
         # the adapter echoes; a servo whose voltage is wrong answers with the very bytes of the question, once more

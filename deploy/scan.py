@@ -1,8 +1,13 @@
-"""Find every servo on a port, at all bit rates and in all protocols, without writing to any."""
+"""Find every servo on a port, at all bit rates and in all protocols, without writing to any.
+
+A machine that is busy with something else may let an answer come too late. So those who did not answer are asked once
+more, with patience, where others did, and at the likeliest bit rates if nobody did.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from typing import Final, Literal, TypeAlias
@@ -26,6 +31,10 @@ _RETURN_DELAY_S: Final = 508e-6
 """The longest that a servo can be set to wait before it answers [s]."""
 _FIRST_BAUDS: Final = (1_000_000, 57_600, 115_200)
 """What servos are shipped with, or mostly set to."""
+_AGAIN_S: Final = 3.0
+"""When the second pass asks nobody else [s]."""
+_AGAIN_PATIENCE_S: Final = 0.1
+"""How late the last answer of the second pass may be [s]."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +69,14 @@ class Step:
         baud: [bits/s]
         found: who answered, None before anybody was asked
         skipped: why nobody could be asked, "" if they were
+        again: whether it is a second time, for those who were missing; `found` has only them then
     """
 
     framing: Framing
     baud: int
     found: tuple[Found, ...] | None = None
     skipped: str = ""
+    again: bool = False
 
 
 def scan_steps(protocols: Collection[str] = PROTOCOLS, bauds: Collection[int] = ()) -> list[tuple[Framing, int]]:
@@ -96,12 +107,13 @@ def scan(
         ids: the only ids to tell of; empty: all
 
     Yields:
-        each step twice: before and after it
+        each step twice: before and after it; then those that are asked again
 
     Raises:
         InputError: the port can not be opened at any bit rate
     """
     refused: list[InputError] = []
+    asked: list[Step] = []
     for framing, baud in steps:
         yield Step(framing, baud)
         try:
@@ -113,9 +125,56 @@ def scan(
             yield Step(framing, baud, (), "the port does not offer this bit rate")
             continue
         with closing(_bus(framing, port)) as bus:
-            answered = _who(bus, framing, ids)
-            servos = [_identify(bus, framing, baud, servo, model) for servo, model in sorted(answered.items())]
-        yield Step(framing, baud, tuple(servo for servo in servos if servo is not None))
+            answered = _who(bus, framing, _possible(ids))
+            asked.append(Step(framing, baud, _servos(bus, framing, baud, answered)))
+        yield asked[-1]
+    yield from _ask_again(open_port, asked, ids)
+
+
+def found_servos(steps: Iterable[Step]) -> list[Found]:
+    """Return every servo once, in the order of the steps; of one that was asked again, what it said last.
+
+    Args:
+        steps: as `scan` yields them
+    """
+    found: dict[tuple[Framing, int], dict[int, Found]] = {}
+    for step in steps:
+        found.setdefault((step.framing, step.baud), {}).update({servo.id: servo for servo in step.found or ()})
+    return [servo for servos in found.values() for _, servo in sorted(servos.items())]
+
+
+def _ask_again(open_port: Callable[[int], SerialPort], asked: Sequence[Step], ids: Collection[int]) -> Iterator[Step]:
+    """Ask those who did not answer once more, for a while: where others did, or where servos most likely are."""
+    likely = [step for step in asked if step.found] or [step for step in asked if step.baud in _FIRST_BAUDS]
+    until_s: float | None = None
+    for step in likely:
+        sound = {servo.id for servo in step.found or () if servo.shared or servo.values or not servo.products}
+        missing = [servo for servo in _possible(ids) if servo not in sound]
+        if not missing:
+            continue
+        yield Step(step.framing, step.baud, again=True)
+        try:
+            port = open_port(step.baud)
+        except InputError:  # somebody has unplugged it, or taken it
+            return
+        with closing(_bus(step.framing, port)) as bus:
+            until_s = bus.port.now() + _AGAIN_S if until_s is None else until_s
+            bus.port.latency_s = max(bus.port.latency_s, _AGAIN_PATIENCE_S)
+            answered = _who(bus, step.framing, missing, until_s)
+            found = _servos(bus, step.framing, step.baud, answered)
+            over = bus.port.now() >= until_s
+        yield Step(step.framing, step.baud, found, again=True)
+        if over:
+            return
+
+
+def _possible(ids: Collection[int]) -> Sequence[int]:
+    return sorted(ids) or range(1 + max(family.id_max for family in FAMILIES.values()))
+
+
+def _servos(bus: ServoBus, framing: Framing, baud: int, answered: Mapping[int, int]) -> tuple[Found, ...]:
+    servos = (_identify(bus, framing, baud, servo, model) for servo, model in sorted(answered.items()))
+    return tuple(servo for servo in servos if servo is not None)
 
 
 def _framing(protocol: str) -> Framing:
@@ -134,18 +193,17 @@ def _bus(framing: Framing, port: SerialPort) -> ServoBus:
     return (DynamixelBus if framing == "dynamixel-2.0" else Dynamixel1Bus)(port, _RETURN_DELAY_S)
 
 
-def _who(bus: ServoBus, framing: Framing, ids: Collection[int]) -> dict[int, int]:
+def _who(bus: ServoBus, framing: Framing, possible: Sequence[int], until_s: float = math.inf) -> dict[int, int]:
     """Return id => model number, 0 where it is not known yet, of all that answer in some way."""
-    possible = sorted(ids) or range(1 + max(family.id_max for family in FAMILIES.values()))
     if framing == "protocol-1":
-        answers = ping_each(bus.port, list(possible))
+        answers = ping_each(bus.port, possible, until_s)
     else:
         answers = broadcast_ping(bus.port)
     models = {servo: model for servo, model in answers.models.items() if servo in possible}
     if answers.garbled:
         # somebody was not understood: ask each alone, and take noise for an answer too
         for servo in possible:
-            if servo not in models and bus.ping(servo)[0].status != "missing":
+            if bus.port.now() < until_s and servo not in models and bus.ping(servo)[0].status != "missing":
                 models[servo] = 0
     return models
 

@@ -17,7 +17,7 @@ from controller.products import PRODUCTS
 from controller.registers import registers
 from controller.rig_file import load_rig, rig_names
 from deploy.port import SerialPort
-from deploy.scan import PROTOCOLS, Found, Step, scan, scan_steps
+from deploy.scan import PROTOCOLS, Found, Step, found_servos, scan, scan_steps
 
 ID_MAX: Final = 253
 _SOCKET_BAUD: Final = 57_600
@@ -55,7 +55,8 @@ def scan_port(
         raise InputError(f"--bauds {bauds}: a socket has no bit rate; leave it out")
     steps = scan_steps(protocol or PROTOCOLS, [_SOCKET_BAUD] if socket else rates)
     asked, interrupted = _scan(port, steps, wanted)
-    found = [servo for step in asked for servo in step.found or ()]
+    found = found_servos(asked)
+    first = [step for step in asked if not step.again]
     rigs = _rigs(found)
     notes = _notes(port, found, rigs, socket)
     if json_:
@@ -63,7 +64,12 @@ def scan_port(
             "port": port,
             "complete": not interrupted,
             "asked": [
-                {"framing": step.framing, "baud": None if socket else step.baud, "skipped": step.skipped or None}
+                {
+                    "framing": step.framing,
+                    "baud": None if socket else step.baud,
+                    "skipped": step.skipped or None,
+                    "again": step.again,
+                }
                 for step in asked
             ],
             "servos": [_described(servo, socket) for servo in found],
@@ -76,10 +82,10 @@ def scan_port(
         for note in notes:
             print(note)
     if interrupted:
-        raise RunError(f"{port}: interrupted after {len(asked)} of {len(steps)} steps; scan again for the rest")
+        raise RunError(f"{port}: interrupted after {len(first)} of {len(steps)} steps; scan again for the rest")
     if not found and not json_:
         raise RunError(
-            f"{port}: nobody answered in {len(asked)} steps of protocol and bit rate; check power, cable and the "
+            f"{port}: nobody answered in {len(first)} steps of protocol and bit rate; check power, cable and the "
             "adapter's direction control, and that the port is the servos'"
         )
     return 0 if found else 1
@@ -89,16 +95,16 @@ def _scan(port: str, steps: Sequence[tuple[Any, int]], ids: Sequence[int]) -> tu
     """Return what was asked, and whether somebody interrupted it; say on the way how it goes."""
     console = Console(stderr=True)
     asked: list[Step] = []
-    count = 0
     try:
         with console.status("", spinner="line") as status:
             for step in scan(lambda baud: SerialPort(port, baud), steps, ids):
                 if step.found is None:
                     how = step.framing if step.framing == "dynamixel-2.0" else "dynamixel-1.0 and feetech"
-                    status.update(f"{len(asked) + 1}/{len(steps)}: {how} at {step.baud} bit/s, {count} found")
+                    where = "once more" if step.again else f"{len(asked) + 1}/{len(steps)}"
+                    count = len(found_servos(asked))
+                    status.update(f"{where}: {how} at {step.baud} bit/s, {count} found")
                     continue
                 asked.append(step)
-                count += len(step.found)
     except KeyboardInterrupt:
         return asked, True
     return asked, False

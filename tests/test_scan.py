@@ -12,7 +12,7 @@ from deploy.dynamixel_bus import DynamixelBus
 from deploy.lockstep_port import LockstepPort
 from deploy.pings import broadcast_ping, ping_each
 from deploy.port import SerialPort
-from deploy.scan import scan, scan_steps
+from deploy.scan import found_servos, scan, scan_steps
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.pty_line import PtyLine
@@ -27,8 +27,8 @@ PATIENCE_S = 60.0  # the machine may be busy
 READS = (0x01, 0x02)  # ping and read, in all protocols
 
 
-def found_on(rig, steps, ids=(), refused=()):
-    """Scan a virtual rig in lock step, and see that nothing is written."""
+def scanned(rig, steps, ids=(), refused=()):
+    """Scan a virtual rig in lock step, and see that nothing is written; return all steps, those asked again too."""
 
     def only_reads(way, _, frame):
         if way == "tx":
@@ -43,6 +43,13 @@ def found_on(rig, steps, ids=(), refused=()):
 
     with LockstepBench(rig) as bench:
         return [step for step in scan(open_port, steps, ids) if step.found is not None]
+
+
+def found_on(rig, steps, ids=(), refused=()):
+    """Scan a sound virtual rig, on which asking again finds nobody else; return the steps."""
+    found = scanned(rig, steps, ids, refused)
+    assert not any(step.found for step in found if step.again)
+    return [step for step in found if not step.again]
 
 
 def test_all_bit_rates_and_protocols_are_asked_the_likeliest_first():
@@ -97,9 +104,62 @@ def test_a_dead_servo_and_a_lost_answer():
 def test_noise_is_no_servo():
     """Every answer on the line is corrupt: who is there can not be told, and nobody else is invented."""
     rig = VirtualRig(X330, seed=3, faults=[parse_fault("corrupt=1")])
-    steps = found_on(rig, [("dynamixel-2.0", 1_000_000)], ids=range(6))
-    assert {servo.id for servo in steps[0].found} <= set(IDS)
-    assert all(servo.shared for servo in steps[0].found)
+    found = found_servos(scanned(rig, [("dynamixel-2.0", 1_000_000)], ids=range(6)))
+    assert {servo.id for servo in found} <= set(IDS)
+    assert all(servo.shared for servo in found)
+
+
+@pytest.mark.parametrize(
+    ("name", "lost", "first"),
+    [
+        ("lamp-xc330", 2, [3]),  # of a broadcast ping's answers
+        ("lamp-xc330", 3, []),
+        ("lamp-sts3215", 1, [2, 3]),
+        ("lamp-ax12", 3, []),
+    ],
+)
+def test_those_whose_answers_were_lost_are_asked_again(name, lost, first):
+    rig = load_rig(name)
+    framing = "dynamixel-2.0" if rig.bus.protocol == "dynamixel-2.0" else "protocol-1"
+    steps = scanned(VirtualRig(rig, faults=[parse_fault(f"drop=#{lost}")]), [(framing, rig.bus.baud)])
+    assert [[servo.id for servo in step.found] for step in steps if not step.again] == [first]
+    assert [servo.id for servo in found_servos(steps)] == IDS
+    assert all(servo.values["id"] == servo.id for servo in found_servos(steps))
+
+
+def test_servos_that_could_not_be_read_are_asked_again():
+    """The ping's answers come, then none until the port is opened once more."""
+    virtual, steps = VirtualRig(X330), []
+
+    def lose_the_rest(way, *_):
+        if way == "rx" and not steps:
+            virtual.set_faults([parse_fault("drop=1")])
+
+    def open_port(baud):
+        virtual.set_faults([])
+        port = LockstepPort(bench, baud)
+        port.tap = lose_the_rest
+        return port
+
+    with LockstepBench(virtual) as bench:
+        for step in scan(open_port, [("dynamixel-2.0", 1_000_000)]):
+            steps += [step] if step.found is not None else []
+    assert [[servo.id for servo in step.found] for step in steps] == [IDS, IDS]
+    assert not any(servo.values for servo in steps[0].found)
+    assert [servo.values["id"] for servo in found_servos(steps)] == IDS
+
+
+def test_asking_again_ends_in_time_where_nobody_is():
+    times = []
+
+    def open_port(baud):
+        return LockstepPort(bench, baud)
+
+    with LockstepBench(VirtualRig(load_rig("lamp-ax12"), faults=[parse_fault("mute=1")])) as bench:
+        for step in scan(open_port, scan_steps(("feetech", "dynamixel-1.0"), [9_600, 57_600])):
+            times.append((step.again, bench.rig.now))
+    began = next(time for again, time in times if again)
+    assert times[-1][0] and times[-1][1] - began < 3.5
 
 
 class Line(SerialPort):
@@ -240,6 +300,7 @@ def test_a_servo_at_another_bit_rate_is_found_there():
             step for step in scan(lambda baud: LockstepPort(bench, baud), scan_steps(("dynamixel-2.0",))) if step.found
         ]
     assert [(step.baud, [servo.id for servo in step.found]) for step in steps] == [(1_000_000, [1, 3]), (57_600, [2])]
+    assert [(servo.id, servo.baud) for servo in found_servos(steps)] == [(1, 1_000_000), (3, 1_000_000), (2, 57_600)]
 
 
 def test_a_model_without_a_table_is_told_by_its_number(line):
