@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, c_float, c_int32, c_uint32, c_void_p
+from ctypes import POINTER, c_float, c_int32, c_int64, c_uint32, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import ClassVar, Final
@@ -120,6 +120,21 @@ class SvTransaction(ctypes.Structure):
     _fields_: ClassVar = [("kind", c_int32), ("servo", c_int32), ("block", SvBlock)]
 
 
+class SvAxis(ctypes.Structure):
+    """Mirror `sv_axis` of `runtime/sv_homing.h`."""
+
+    _fields_: ClassVar = [
+        ("zero", c_int32),
+        ("angle_scale", c_float),
+        ("speed_scale", c_float),
+        ("speed_max", c_float),
+        ("neutral_rad", c_float),
+        ("low_rad", c_float),
+        ("high_rad", c_float),
+        ("unlimited", c_int32),
+    ]
+
+
 @cache
 def library() -> ctypes.CDLL:
     """Load the compiled runtime, once, and check that it belongs to this Python code.
@@ -164,3 +179,10 @@ def _declare(lib: ctypes.CDLL) -> None:
     lib.sv_encode.argtypes = (POINTER(SvTerminal), c_float)
     lib.sv_encode.restype = c_int32
     lib.sv_schedule_period.argtypes = (POINTER(SvSchedule), c_int32, POINTER(SvTransaction))
+    axis = POINTER(SvAxis)
+    lib.sv_homing_periods.argtypes = (axis, c_int32, c_int32, c_float)
+    lib.sv_homing_goal.argtypes = (c_int32,) * 4
+    lib.sv_homing_near.argtypes = (axis, c_int32)
+    lib.sv_homing_speed.argtypes = (axis, c_int32, c_float)
+    lib.sv_speed_inside.argtypes = (axis, c_int32, c_int32, c_int64, c_int32)
+    lib.sv_derate.argtypes = (c_int32, c_float)

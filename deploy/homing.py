@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final, TypeAlias
 
-from controller.rig import Joint
-from deploy.joint_counts import joint_angle, joint_count, speed_count
+from controller.homing import homing_goal, homing_near, homing_periods, homing_speed
+from deploy.joint_counts import joint_count
 from deploy.period import FaultError, Period, Periods
 
 _REST_PERIODS: Final = 10
@@ -15,8 +15,6 @@ _REST_SPEED_RAD_S: Final = 0.06
 _REST_S_MAX: Final = 10.0
 _APPROACH_HZ: Final = 4.0
 """Speed by distance of a joint that is driven by its speed [1/s]: it slows down over the last quarter of a second."""
-_NEAR_RAD: Final = 0.08
-"""How near to neutral such a joint must be: friction, or the load that it bears, may stop it a little earlier."""
 
 Goals: TypeAlias = Callable[[int], Sequence[int]]
 """Gives the goals of a period by its number [counts], (njoint,)."""
@@ -58,15 +56,12 @@ def _positions(periods: Periods) -> tuple[Goals, int, float]:
     rig, start = periods.rig, periods.goals
     rate = rig.safety.homing_rad_s
     neutral = tuple(joint_count(joint, joint.neutral_rad) for joint in rig.joints)
-    travel = [
-        abs(joint_angle(joint, a) - joint_angle(joint, b))
-        for joint, a, b in zip(rig.joints, start, neutral, strict=True)
-    ]
-    nmove = math.ceil(max(travel) / (rate * rig.period_s))
+    nmove = max(
+        homing_periods(joint, a, b, rate * rig.period_s) for joint, a, b in zip(rig.joints, start, neutral, strict=True)
+    )
 
     def goals(k: int) -> Sequence[int]:
-        part = min(1.0, (k + 1) / max(1, nmove))
-        return tuple(round(a + (b - a) * part) for a, b in zip(start, neutral, strict=True))
+        return tuple(homing_goal(a, b, k, nmove) for a, b in zip(start, neutral, strict=True))
 
     return goals, nmove, rate
 
@@ -78,17 +73,11 @@ def _speeds(periods: Periods) -> tuple[Goals, int, float]:
     def goals(_: int) -> Sequence[int]:
         rate = rig.safety.homing_rad_s
         return tuple(
-            speed_count(joint, min(max(_APPROACH_HZ * _to_neutral(joint, angle), -rate), rate))
-            for joint, angle in zip(rig.joints, periods.io.angles_rad(), strict=True)
+            homing_speed(joint, count, rate)
+            for joint, count in zip(rig.joints, periods.io.position_counts(), strict=True)
         )
 
     return goals, 1, 0.0
-
-
-def _to_neutral(joint: Joint, angle: float) -> float:
-    """Return how far a joint is from neutral, by the shorter way where it may turn for ever [rad]."""
-    away = joint.neutral_rad - angle
-    return math.remainder(away, 2.0 * math.pi) if joint.unlimited else away
 
 
 def _at_rest(periods: Periods, done: Period) -> bool:
@@ -99,7 +88,7 @@ def _at_rest(periods: Periods, done: Period) -> bool:
         for joint, count in zip(rig.joints, io.velocity_counts(), strict=True)
     )
     away = rig.joints[0].mode == "velocity" and any(
-        abs(_to_neutral(joint, angle)) > _NEAR_RAD for joint, angle in zip(rig.joints, io.angles_rad(), strict=True)
+        not homing_near(joint, count) for joint, count in zip(rig.joints, io.position_counts(), strict=True)
     )
     return (
         all(reply.status == "data" for reply in done.replies.values())

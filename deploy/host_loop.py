@@ -21,8 +21,8 @@ from deploy.run_record import RunRecord
 from deploy.states import State, StateMachine
 from deploy.torque import hold, release, seed_goals, torque_on, unsure_sentence, write_settings
 
-_LISTEN_S: Final = 0.3
 _LISTEN_STEP_S: Final = 0.01
+_LISTEN_STEPS: Final = 30
 
 
 @dataclass(frozen=True)
@@ -165,8 +165,7 @@ def _check(periods: Periods, machine: StateMachine, options: RunOptions, outcome
     """Read everything, write nothing."""
     rig, clock = periods.rig, periods.clock
     outcome.readings, outcome.findings = check_servos(periods.link.bus, rig)
-    until = clock.now() + _LISTEN_S
-    while periods.link.sensors is not None and clock.now() < until:
+    for _ in range(_LISTEN_STEPS if periods.link.sensors is not None else 0):
         clock.sleep_until(clock.now() + _LISTEN_STEP_S)
         periods.io.read_sensors()
     outcome.findings += check_sensors(rig, periods.io.reader, periods.needed, clock.now())
@@ -211,7 +210,8 @@ def _run(
 
     cycle.reset()
     if periods.rig.joints[0].mode == "velocity":
-        periods.goals = (0,) * len(periods.rig.joints)  # the cycle's slew starts at rest, at whatever speed homing ended
+        # the cycle's slew starts at rest, at whatever speed homing ended
+        periods.goals = (0,) * len(periods.rig.joints)
     words = CycleWords(periods.rig, controller)
     machine.enter(State.RUNNING, "at rest in neutral, sensors are fresh")
     _look(periods)

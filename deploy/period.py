@@ -12,6 +12,7 @@ from typing import Final, TypeAlias
 
 from controller.controller import Controller
 from controller.errors import RunError
+from controller.homing import speed_inside
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.schedule import Transaction, TransactionKind, period, schedule_of
@@ -258,16 +259,11 @@ class Periods:
         The control cycle stops a joint that would pass its end within a period of its newest angle; while replies are
         missing that angle is old, and the joint has gone on since.
         """
-        kept = [int(goal) for goal in goals]
+        kept = tuple(int(goal) for goal in goals)
         if self.rig.joints[0].mode == "position":
-            return tuple(kept)
-        ages, angles = self.io.ages_s(), self.io.angles_rad()
-        for number, joint in enumerate(self.rig.joints):
-            speed = joint_speed(joint, kept[number])
-            end = angles[number] + speed * (ages[number] + self.rig.period_s)
-            if (speed > 0.0 and end > joint.high_rad) or (speed < 0.0 and end < joint.low_rad):
-                kept[number] = 0
-        return tuple(kept)
+            return kept
+        seen = zip(self.rig.joints, self.io.position_counts(), kept, self.io.ages_s(), strict=False)
+        return tuple(speed_inside(joint, count, goal, age, self.rig.period_s) for joint, count, goal, age in seen)
 
     def _stalled(self, now: float) -> str | None:
         """Return the sentence of a fault if the host was silent for so long that a watchdog has tripped, or None."""

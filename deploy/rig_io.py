@@ -138,6 +138,10 @@ class RigIO:
         """Return the joints' newest angles [rad], (njoint,)."""
         return [joint_angle(joint, int(self.raw[number])) for number, joint in enumerate(self.rig.joints)]
 
+    def position_counts(self) -> list[int]:
+        """Return the joints' newest encoder counts, (njoint,)."""
+        return [int(count) for count in self.raw[: len(self.rig.joints)]]
+
     def velocity_counts(self) -> list[int]:
         """Return the joints' newest velocities [counts], (njoint,)."""
         njoint = len(self.rig.joints)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from controller.homing import derated
 from controller.register import Register, encode_register
 from controller.registers import registers
 from controller.rig import Joint, Rig
@@ -52,7 +53,7 @@ def settings_in_ram(joint: Joint, derate: float) -> Iterator[tuple[Register, int
     yield from ((table[name], count) for name, count in joint.gains.items() if not table[name].eeprom)
     yield from (pair for pair in in_ram if pair not in first)
     if family.torque_ceiling is not None:
-        yield table[family.torque_ceiling], round(joint.ceiling * derate)
+        yield table[family.torque_ceiling], derated(joint.ceiling, derate)
 
 
 def seed_goals(bus: ServoBus, rig: Rig) -> tuple[int, ...]:

@@ -3,6 +3,7 @@
 static const float kPi = 3.14159274F;
 static const float kTwoPi = 6.28318548F;
 static const float kApproach = 4.0F;  // speed by distance [1/s]: slower over the last quarter of a second
+static const float kNear = 0.08F;     // how near to neutral is near enough [rad]
 static const float kMicro = 1.0e-6F;
 
 // Round half to even, |x| < 2^30.
@@ -49,7 +50,8 @@ int32_t sv_homing_goal(int32_t start, int32_t neutral, int32_t k, int32_t nmove)
   return goal + (start < neutral ? onward : -onward);
 }
 
-float sv_homing_away(const sv_axis* axis, int32_t count) {
+// Return how far a joint is from neutral, by the shorter way where it may turn for ever [rad].
+static float sv_away(const sv_axis* axis, int32_t count) {
   if (!axis->unlimited) {
     const float angle = (float)(count - axis->zero) * axis->angle_scale;
     return axis->neutral_rad - angle;
@@ -68,8 +70,13 @@ float sv_homing_away(const sv_axis* axis, int32_t count) {
   return away;
 }
 
+int32_t sv_homing_near(const sv_axis* axis, int32_t count) {
+  const float away = sv_away(axis, count);
+  return away <= kNear && away >= -kNear;
+}
+
 int32_t sv_homing_speed(const sv_axis* axis, int32_t count, float rate_rad_s) {
-  const float wanted = sv_limit(kApproach * sv_homing_away(axis, count), rate_rad_s);
+  const float wanted = sv_limit(kApproach * sv_away(axis, count), rate_rad_s);
   return sv_round_even(sv_limit(wanted, axis->speed_max) / axis->speed_scale);
 }
 

@@ -31,8 +31,9 @@ int32_t sv_homing_periods(const sv_axis* axis, int32_t start, int32_t neutral, f
 // [counts], which are less than 65536 apart.
 int32_t sv_homing_goal(int32_t start, int32_t neutral, int32_t k, int32_t nmove);
 
-// Return how far a joint is from neutral, by the shorter way where it may turn for ever [rad].
-float sv_homing_away(const sv_axis* axis, int32_t count);
+// Return whether a joint that is driven by its speed is in neutral: friction, or the load that it bears, may stop it a
+// little earlier.
+int32_t sv_homing_near(const sv_axis* axis, int32_t count);
 
 // Return the speed that brings a joint to neutral, slower as it comes near [velocity counts].
 int32_t sv_homing_speed(const sv_axis* axis, int32_t count, float rate_rad_s);

@@ -6,7 +6,6 @@
 
 #define SV_REST_PERIODS 10
 
-static const float kNearRad = 0.05F;  // how near to neutral a joint that is driven by its speed must be
 static const float kMicro = 1.0e-6F;
 
 // Return in how many periods at the least the rig is in neutral; a speed has its own end.
@@ -44,8 +43,7 @@ static int32_t sv_at_rest(const sv_robot* robot) {
       return 0;
     }
     const sv_axis axis = sv_axis_of(joint);
-    const float away = rig->velocity_mode ? sv_homing_away(&axis, robot->raw[i]) : 0.0F;
-    if (away > kNearRad || away < -kNearRad) {
+    if (rig->velocity_mode && !sv_homing_near(&axis, robot->raw[i])) {
       return 0;
     }
   }

@@ -41,6 +41,10 @@ static int32_t sv_arm(sv_robot* robot) {
 static void sv_control(sv_robot* robot) {
   sv_period done;
   sv_cycle_reset(robot->rig->cycle, &robot->cycle, robot->registers, robot->memory);
+  // the cycle's slew starts at rest, at whatever speed homing ended
+  for (int32_t i = 0; i < robot->rig->njoint && robot->rig->velocity_mode; i++) {
+    robot->goals[i] = 0;
+  }
   sv_enter(robot, SV_STATE_RUNNING, SV_REASON_RESTED);
   for (int32_t k = 0; k < robot->wish.periods; k++) {
     const int32_t faulty = sv_walk(robot, k, &done);

@@ -17,7 +17,7 @@ static int32_t sv_not_taken(sv_robot* robot, int32_t joint, const sv_register* r
 // Read one register: => count.
 static int32_t sv_get(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t* count) {
   const sv_reply reply = sv_bus_read_register(&robot->bus, joint, reg, SV_ATTEMPTS, count);
-  return reply.status != SV_REPLY_DATA && sv_not_taken(robot, joint, reg, reply.status << 16 | reply.error);
+  return reply.status != SV_REPLY_DATA && sv_not_taken(robot, joint, reg, (int32_t)reply.status << 16 | reply.error);
 }
 
 // Write one register and read it back.
@@ -26,7 +26,7 @@ static int32_t sv_set(sv_robot* robot, int32_t joint, const sv_register* reg, in
   sv_hal_feed_watchdog();
   const sv_reply reply = sv_bus_write_register(&robot->bus, joint, reg, count, SV_ATTEMPTS, &held);
   if (reply.status != SV_REPLY_DATA) {
-    return sv_not_taken(robot, joint, reg, reply.status << 16 | reply.error);
+    return sv_not_taken(robot, joint, reg, (int32_t)reply.status << 16 | reply.error);
   }
   return held != count && sv_not_taken(robot, joint, reg, held);
 }
