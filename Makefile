@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PACKAGES := controller sim_models evolve deploy firmware_gen servolve
 C_FILES := $(wildcard controller/runtime/*.c controller/runtime/*.h sim_models/native/*.c sim_models/native/*.h)
+FIRMWARE_C := $(wildcard firmware_gen/runtime/*.[ch] firmware_gen/boards/*/*.[ch] firmware_gen/boards/*/*.cpp)
 OUT ?= demo-out
 
 .DEFAULT_GOAL := help
@@ -24,7 +25,7 @@ check: $(VENV)/ready ## lint, types, formats, import directions, docstrings
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/clang-format --dry-run -Werror $(C_FILES)
+	$(BIN)/clang-format --dry-run -Werror $(C_FILES) $(FIRMWARE_C)
 	$(BIN)/lint-imports
 	$(BIN)/python -m controller.generate_runtime --check
 	$(BIN)/pytest -q tests/test_docstrings.py
@@ -32,7 +33,7 @@ check: $(VENV)/ready ## lint, types, formats, import directions, docstrings
 format: $(VENV)/ready ## rewrite the sources in the house's format
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
-	$(BIN)/clang-format -i $(C_FILES)
+	$(BIN)/clang-format -i $(C_FILES) $(FIRMWARE_C)
 
 accept: $(VENV)/ready ## what needs a quiet machine or much time: rates, ratios, long random tests
 	$(BIN)/pytest tests/accept_*.py
