@@ -20,8 +20,23 @@ def open_bus(port: SerialPort, rig: Rig) -> ServoBus:
     Raises:
         InputError: the vendor's SDK is missing, or another package stands in its place
     """
-    delay_s = 1e-6 * rig.bus.return_delay_us
-    protocol: str = rig.bus.protocol
+    return open_protocol(port, rig.bus.protocol, 1e-6 * rig.bus.return_delay_us)
+
+
+def open_protocol(port: SerialPort, protocol: str, delay_s: float) -> ServoBus:
+    """Return the bus that speaks a protocol.
+
+    Args:
+        port: the open port; the bus closes it
+        protocol: as rig files name it
+        delay_s: how long a servo waits before it answers [s]
+
+    Returns:
+        the bus
+
+    Raises:
+        InputError: the vendor's SDK is missing, or another package stands in its place
+    """
     # each SDK is imported where it is needed, for nobody needs all of them
     if protocol == "dynamixel-1.0":
         from deploy.dynamixel1_bus import Dynamixel1Bus

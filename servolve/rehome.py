@@ -87,7 +87,7 @@ def rehome(
         raise RunError("the servos were not re-homed; nothing was written")
     joints = {joint.id: joint for joint in rig.joints}
     held = [read_backup(bus, rig, fix.servo, joints[fix.servo].product, rig.bus.baud) for fix in fixes]
-    kept = backup or backup_path(rig)
+    kept = backup or backup_path(rig.name)
     save_backup(kept, rig.name, held)
     undo = restore_command(rig, port, kept)
     try:

@@ -17,12 +17,14 @@ from servolve.rig_calibrate import calibrate
 from servolve.rig_check import check
 from servolve.rig_monitor import monitor
 from servolve.rig_scan import scan_port
+from servolve.rig_setup import setup
 
 app = App(name="rig", help="List rigs, look after real ones, and serve virtual ones to other programs.")
 app.command(scan_port, name="scan")
 app.command(check)
 app.command(calibrate)
 app.command(monitor)
+app.command(setup)
 
 
 @app.command(name="list")

@@ -114,7 +114,7 @@ def check(
             held = _held(bus, about, survey, saved, None if restore else survey.fixes)
             fixes = _putting_back(saved, held) if restore else survey.fixes
             if fixes and agreed(console, about, fixes, yes):
-                kept = backup or backup_path(about)
+                kept = backup or backup_path(about.name)
                 save_backup(kept, about.name, held)
                 _change(bus, about, port, held, fixes, kept, made, console)
                 survey = _survey(bus, about, sensor_port)

@@ -16,17 +16,17 @@ from controller.rig_file import load_rig
 from deploy.finding import Fix
 
 
-def agreed(console: Console, rig: Rig, fixes: Sequence[Fix], yes: bool) -> bool:
+def agreed(console: Console, rig: Rig | None, fixes: Sequence[Fix], yes: bool) -> bool:
     """Show what would be written; return whether somebody agrees to it.
 
     Args:
         console: where to show and ask
-        rig: the rig
+        rig: the rig; None: the servos belong to none yet
         fixes: what would be written
         yes: whether they agreed beforehand
     """
     table = Table("joint", "servo", "register", "holds", "becomes", "why", title="to be changed", title_justify="left")
-    names = {joint.id: joint.name for joint in rig.joints}
+    names = {joint.id: joint.name for joint in rig.joints} if rig else {}
     for fix in fixes:
         table.add_row(names.get(fix.servo, "-"), str(fix.servo), fix.register, str(fix.held), str(fix.want), fix.why)
     console.print(table)
@@ -38,13 +38,13 @@ def agreed(console: Console, rig: Rig, fixes: Sequence[Fix], yes: bool) -> bool:
     return answer.strip().lower() in ("y", "yes")
 
 
-def backup_path(rig: Rig) -> Path:
-    """Return where to keep what a rig's servos hold now, in this folder.
+def backup_path(name: str) -> Path:
+    """Return where to keep what servos hold now, in this folder.
 
     Args:
-        rig: the rig
+        name: of their rig, or of the one servo
     """
-    return Path(f"{rig.name}-servos-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.json")
+    return Path(f"{name}-servos-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.json")
 
 
 def restore_command(rig: Rig, port: str, backup: Path) -> str:
