@@ -26,6 +26,7 @@ __all__ = [
     "check_derating",
     "check_sensors",
     "check_servos",
+    "check_watchdogs",
 ]
 
 _USB_LATENCY_S_MAX: Final = 0.0015
@@ -60,7 +61,7 @@ def check_servos(bus: ServoBus, rig: Rig) -> tuple[list[Reading], list[Finding]]
             "adapter's latency timer to 1 ms"
         )
         findings.append(Finding("warning", text))
-    return readings, findings + _check_watchdogs(rig)
+    return readings, findings + check_watchdogs(rig)
 
 
 def check_sensors(rig: Rig, reader: SensorReader, needed: frozenset[int], now: float) -> list[Finding]:
@@ -129,6 +130,24 @@ def check_derating(rig: Rig, derate: float) -> list[Finding]:
     return [Finding("error", text)]
 
 
+def check_watchdogs(rig: Rig) -> list[Finding]:
+    """Say what stops the servos if this program dies, where nothing on them does.
+
+    Args:
+        rig: the rig
+    """
+    lacking = [joint for joint in rig.joints if joint.family.watchdog is None]
+    if not lacking:
+        return []
+    products = ", ".join(sorted({joint.product.name for joint in lacking}))
+    goes_on = "turning" if lacking[0].mode == "velocity" else "holding the last goal"
+    text = (
+        f"{products} servos have no bus watchdog: if this program or its cable dies, they go on {goes_on} until their "
+        "own overload protection or you cut them off; keep the power switch at hand"
+    )
+    return [Finding("warning", text)]
+
+
 def _check_line(bus: ServoBus, rig: Rig) -> list[Finding]:
     findings = []
     latency_s = usb_latency_s(bus.port.port_name)
@@ -146,20 +165,6 @@ def _check_line(bus: ServoBus, rig: Rig) -> list[Finding]:
         )
         findings.append(Finding("warning", text))
     return findings
-
-
-def _check_watchdogs(rig: Rig) -> list[Finding]:
-    """Say what stops the servos if this program dies, where nothing on them does."""
-    lacking = [joint for joint in rig.joints if joint.family.watchdog is None]
-    if not lacking:
-        return []
-    products = ", ".join(sorted({joint.product.name for joint in lacking}))
-    goes_on = "turning" if lacking[0].mode == "velocity" else "holding the last goal"
-    text = (
-        f"{products} servos have no bus watchdog: if this program or its cable dies, they go on {goes_on} until their "
-        "own overload protection or you cut them off; keep the power switch at hand"
-    )
-    return [Finding("warning", text)]
 
 
 def _check_servo(bus: ServoBus, rig: Rig, joint: Joint, waits_s: list[float]) -> tuple[Reading, list[Finding]]:

@@ -291,7 +291,7 @@ class Periods:
         counts = self.io.read_health(due.servo, due.address, due.size)
         if not counts:
             return None
-        told = _health(joint, counts)
+        told = health_fields(joint, counts)
         self.record.write("/health", self.t(), {"joint": joint.name, "id": joint.id, **told})
         fault: str | None = None
         if told.get("hardware_error") and joint.family.protocol == "dynamixel-2.0":
@@ -341,8 +341,13 @@ class Periods:
         return judge_tilt(rig, self.watch, values["roll"], values["pitch"])
 
 
-def _health(joint: Joint, counts: Mapping[str, int]) -> dict[str, float | int]:
-    """Return the fields of `/health` that registers give."""
+def health_fields(joint: Joint, counts: Mapping[str, int]) -> dict[str, float | int]:
+    """Return the fields of `/health` that registers give.
+
+    Args:
+        joint: whose
+        counts: register => count
+    """
     family, table = joint.family, registers(joint.product)
     fields = {
         family.torque_enable: "torque",
