@@ -94,6 +94,7 @@ void sv_bus_init(sv_bus* bus, const sv_rig* rig) {
   bus->nframe = 0;
   bus->nlate = 0;
   bus->silent = 0;
+  bus->whole = 0;
   bus->strays = 0;
   for (int32_t i = 0; i < SV_JOINT_MAX; i++) {
     bus->strays_seen[i] = 0;
@@ -145,6 +146,17 @@ sv_reply sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t
   return sv_answer(bus, sv_send_write(bus, joint, address, data, size), joint, 0, 0, 0);
 }
 
+static uint32_t sv_all(const sv_bus* bus) { return (1U << bus->rig->njoint) - 1U; }
+
+// Return which joints' replies are missing, a bit each.
+static uint32_t sv_missing(const sv_bus* bus, const sv_reply* replies) {
+  uint32_t missing = 0;
+  for (int32_t joint = 0; joint < bus->rig->njoint; joint++) {
+    missing |= replies[joint].status == SV_REPLY_MISSING ? 1U << joint : 0U;
+  }
+  return missing;
+}
+
 // Ask joints for `size` data bytes and perhaps a few more: => replies, data (by joint).
 static void sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address, int32_t size, sv_reply* replies,
                               uint8_t* data) {
@@ -153,7 +165,6 @@ static void sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address, int
     joints |= 1U << asked->joints[i];
   }
   asked->size = sv_bus_unlike_late(bus, joints, size);
-  asked->fast = bus->rig->fast_sync_read && sv_bus_fast_size(asked) <= (int32_t)sizeof bus->received;
   if (sv_send_sync_read(bus, asked, address)) {
     sv_bus_receive(bus, asked, size, replies, data);
     return;
@@ -163,12 +174,14 @@ static void sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address, int
   }
 }
 
-// Servos answer in the order of the question, each after the one before it, so a silent one silences all behind it.
-void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
+// Ask one by one in one question. Servos answer in its order, each after the one before it, so a silent one silences
+// all behind it: they are asked once more without it, and from then on it is asked last, where it keeps nobody waiting.
+static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, int32_t size, sv_reply* replies,
+                                 uint8_t* data) {
   sv_asked order = {{0}, 0, 0, 0, 0};
   for (uint32_t silent = 0; silent <= 1; silent++) {
     for (int32_t joint = 0; joint < bus->rig->njoint; joint++) {
-      if ((bus->silent >> joint & 1U) == silent) {
+      if ((joints >> joint & 1U) != 0 && (bus->silent >> joint & 1U) == silent) {
         order.joints[order.n++] = (uint8_t)joint;
       }
     }
@@ -178,7 +191,6 @@ void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* repl
   while (first_silent > 0 && replies[order.joints[first_silent - 1]].status == SV_REPLY_MISSING) {
     first_silent--;
   }
-  // those behind it are asked once more without it, and from then on it is asked last, where it keeps nobody waiting
   sv_asked behind = {{0}, 0, 0, 0, 0};
   int32_t waiting = 0;
   for (int32_t i = first_silent + 1; i < order.n; i++) {
@@ -189,11 +201,32 @@ void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* repl
     bus->silent |= 1U << order.joints[first_silent];
     sv_sync_read_once(bus, &behind, address, size, replies, data);
   }
-  for (int32_t joint = 0; joint < bus->rig->njoint; joint++) {
-    if (replies[joint].status != SV_REPLY_MISSING) {
-      bus->silent &= ~(1U << joint);
-    }
+}
+
+// Ask for one packet of all: none comes where one servo is silent, so who is missing is asked in turn.
+static uint32_t sv_sync_read_fast(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
+  sv_asked all = {{0}, bus->rig->njoint, 0, 1, size + SV_EXTRA_MAX};
+  for (int32_t joint = 0; joint < all.n; joint++) {
+    all.joints[joint] = (uint8_t)joint;
   }
+  if (sv_bus_fast_size(&all) > (int32_t)sizeof bus->received) {
+    return sv_all(bus);
+  }
+  sv_sync_read_once(bus, &all, address, size, replies, data);
+  return sv_missing(bus, replies);
+}
+
+void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
+  uint32_t joints = sv_all(bus);
+  if (bus->rig->fast_sync_read && bus->whole) {
+    joints = sv_sync_read_fast(bus, address, size, replies, data);
+  }
+  if (joints != 0) {
+    sv_sync_read_in_turn(bus, joints, address, size, replies, data);
+  }
+  const uint32_t missing = sv_missing(bus, replies);
+  bus->silent &= missing;
+  bus->whole = missing == 0;
 }
 
 void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t* data) {

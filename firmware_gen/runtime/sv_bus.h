@@ -50,6 +50,7 @@ typedef struct {
   sv_late late[SV_LATE_MAX];
   int32_t nlate;
   uint32_t silent;  // by joint: asked last, where it keeps nobody waiting
+  int32_t whole;    // whether everybody answered the last sync read
   int32_t strays;   // bytes that answered nothing that was asked
   int32_t strays_seen[SV_JOINT_MAX];
   int32_t echoed;        // whether the line has given back what was sent

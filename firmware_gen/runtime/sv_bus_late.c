@@ -3,7 +3,6 @@
 #include "sv_hal.h"
 
 #define SV_LATE_US_MAX 250000U  // a reply that has not come by then will not come. An estimate.
-#define SV_EXTRA_MAX 7          // bytes more than wanted that are asked for
 
 void sv_bus_remember_late(sv_bus* bus, uint32_t joints, int32_t size) {
   const uint32_t now = (uint32_t)sv_hal_now_us();

@@ -14,6 +14,8 @@
 extern "C" {
 #endif
 
+#define SV_EXTRA_MAX 7  // bytes more than wanted that are asked for
+
 // Note that replies of `size` bytes of some joints (a bit each) were lost.
 void sv_bus_remember_late(sv_bus* bus, uint32_t joints, int32_t size);
 

@@ -68,19 +68,23 @@ void sv_bus_expect(sv_bus* bus, int32_t nbyte, int32_t nreply) {
 
 int32_t sv_bus_take(sv_bus* bus) {
   const int32_t room = (int32_t)sizeof bus->received - bus->nreceived;
-  while (room > 0) {
+  for (;;) {
+    const int64_t now_us = sv_hal_now_us();
+    // what has come by the deadline is taken after it, but a line that never falls silent is left alone
+    if (room == 0 || now_us >= bus->deadline_us + bus->patience_us) {
+      return 0;
+    }
     const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received + bus->nreceived, room);
     if (n > 0) {
       bus->nreceived += n;
       bus->nbyte += (uint32_t)n;
       return 1;
     }
-    if (sv_hal_now_us() >= bus->deadline_us) {
+    if (now_us >= bus->deadline_us) {
       return 0;
     }
     sv_hal_wait(bus->deadline_us);
   }
-  return 0;
 }
 
 void sv_bus_drop(sv_bus* bus, int32_t n) {

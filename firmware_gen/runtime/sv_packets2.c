@@ -19,7 +19,7 @@ uint16_t sv_packet2_crc(uint16_t crc, const uint8_t* data, int32_t n) {
 
 static int32_t sv_is_header(const uint8_t* bytes) { return bytes[0] == 0xFF && bytes[1] == 0xFF && bytes[2] == 0xFD; }
 
-static int32_t sv_length(const uint8_t* packet) { return packet[5] | packet[6] << 8; }
+static int32_t sv_length(const uint8_t* packet) { return packet[5] | (int32_t)packet[6] << 8; }
 
 // Repeat each FD behind FF FF: body (n) => body; return its bytes, 0 if they do not fit.
 static int32_t sv_stuff(uint8_t* body, int32_t n, int32_t capacity) {
