@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -13,10 +12,10 @@ import numpy.typing as npt
 
 from controller.errors import InputError, RunError
 from controller.rig import Rig
-from deploy.virtual.drive import Mode
+from deploy.virtual.mechanics import Mechanics, plays_of
 from deploy.virtual.shaft import JointShaft
 from deploy.virtual.twin import Twin, check_twin
-from deploy.virtual.twin_body import PLAY, twinned_model
+from deploy.virtual.twin_body import twinned_model
 from sim_models.body import (
     Pose,
     base_force,
@@ -33,7 +32,6 @@ TIMESTEP_S: Final = 0.001
 JAMMED_NM: Final = 100.0
 """Dry friction of a joint whose horn is stuck: no servo moves it [N m]."""
 
-Play = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
 Start = Literal["settled", "limp"]
 
 
@@ -77,26 +75,29 @@ class Plant:
                 "choose another timestep_s"
             )
         check_twin(twin, (joint.name for joint in rig.joints), rig.name)
-        self.supply_v = self._open_circuit_v = twin.open_circuit_v(rig.supply_v)
-        self.twin = twin
+        self._open_circuit_v = twin.open_circuit_v(rig.supply_v)
+        self._twin = twin
         self._rig = rig
         settled: Any = twinned_model(rig, twin, timestep_s, inputs=False)
-        self.model: Any = twinned_model(rig, twin, timestep_s, inputs=True)
-        self.data: Any = mujoco.MjData(self.model)
-        self.layout = body_layout(self.model, rig)
-        _copy_pose(settled, settled_data(settled, rig), self.model, self.data)
-        self._plays = tuple(_play(self.model, self.data, joint.mjcf_joint) for joint in rig.joints)
+        self._model: Any = twinned_model(rig, twin, timestep_s, inputs=True)
+        self._data: Any = mujoco.MjData(self._model)
+        self._layout = body_layout(self._model, rig)
+        _copy_pose(settled, settled_data(settled, rig), self._model, self._data)
+        plays = plays_of(rig, self._model, self._data)
+        self._body = Mechanics(twin, self._model, self._data, self._layout, plays, self._open_circuit_v)
         self.shafts = tuple(
-            JointShaft(self, joint, index, held=start == "settled") for index, joint in enumerate(rig.joints)
+            JointShaft(self._body, joint, index, held=start == "settled") for index, joint in enumerate(rig.joints)
         )
-        self.time_ns = 0
         self._pose = (-1, Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-        self._free_friction = np.array(self.model.dof_frictionloss[self.layout.dof])
-        self._free_solref = np.array(self.model.dof_solref[self.layout.dof])
-        self._free_solimp = np.array(self.model.dof_solimp[self.layout.dof, :2])
+        self._free_friction = np.array(self._model.dof_frictionloss[self._layout.dof])
+        self._free_solref = np.array(self._model.dof_solref[self._layout.dof])
+        self._free_solimp = np.array(self._model.dof_solimp[self._layout.dof, :2])
         self._friction = self._free_friction.copy()
-        self._delay_ns = round(twin.command_latency_s * 1e9)
-        self._commands: deque[tuple[int, int, Mode, float]] = deque()  # (due [ns], joint, mode, goal)
+
+    @property
+    def time_ns(self) -> int:
+        """Return how far the body has moved [ns]."""
+        return self._body.time_ns
 
     def step(self, count: int) -> None:
         """Move the body.
@@ -108,46 +109,26 @@ class Plant:
             RunError: the physics diverged
         """
         dt = self.step_ns * 1e-9
-        every = self.twin.stiction_scale != 1.0 or self.twin.supply_ohm > 0.0
+        body, commands = self._body, self._body.commands
+        every = self._twin.stiction_scale != 1.0 or self._twin.supply_ohm > 0.0
         stepped = [shaft for shaft in self.shafts if shaft.stepped]
         while count > 0:
-            while self._commands and self._commands[0][0] <= self.time_ns:
-                _, index, mode, goal = self._commands.popleft()
+            while commands and commands[0][0] <= body.time_ns:
+                _, index, mode, goal = commands.popleft()
                 self.shafts[index].take(mode, goal)
             if every:
                 self._stick()
                 self._sag()
             for shaft in stepped:
                 shaft.step(dt)
-            block = 1 if every or stepped or self._commands else count
-            mujoco.mj_step(self.model, self.data, block)
-            self.time_ns += block * self.step_ns
+            block = 1 if every or stepped or commands else count
+            mujoco.mj_step(self._model, self._data, block)
+            body.time_ns += block * self.step_ns
             count -= block
-        if not math.isfinite(self.data.qpos[2]) or self.data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
+        if not math.isfinite(self._data.qpos[2]) or self._data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number:
             raise RunError(
                 f"the virtual rig's physics diverged at {self.time_ns * 1e-9:.3f} s; give the twin a smaller timestep_s"
             )
-
-    def command(self, index: int, mode: Mode, goal: float) -> None:
-        """Give a joint's motor a goal, after the twin's latency.
-
-        Args:
-            index: joint
-            mode: what the goal is
-            goal: by the mode
-        """
-        if self._delay_ns:
-            self._commands.append((self.time_ns + self._delay_ns, index, mode, goal))
-        else:
-            self.shafts[index].take(mode, goal)
-
-    def play(self, index: int) -> Play | None:
-        """Return angle and rate of the play between a joint's motor and its encoder, or None if it has none.
-
-        Args:
-            index: joint
-        """
-        return self._plays[index]
 
     def set_supply(self, volts: float | None) -> None:
         """Change the supply's voltage without load.
@@ -155,7 +136,7 @@ class Plant:
         Args:
             volts: [V]; None: as it was at the beginning
         """
-        self._open_circuit_v = self.twin.open_circuit_v(self._rig.supply_v) if volts is None else volts
+        self._open_circuit_v = self._twin.open_circuit_v(self._rig.supply_v) if volts is None else volts
         self._set_voltage(self._open_circuit_v)
 
     def jam(self, index: int, stuck: bool) -> None:
@@ -165,12 +146,12 @@ class Plant:
             index: joint
             stuck: whether it can not move
         """
-        dof = self.layout.dof[index]
+        dof = self._layout.dof[index]
         self._friction[index] = JAMMED_NM if stuck else self._free_friction[index]
-        self.model.dof_frictionloss[dof] = self._friction[index]
+        self._model.dof_frictionloss[dof] = self._friction[index]
         # friction is soft by nature: what is jammed creeps as little as the step allows
-        self.model.dof_solref[dof] = (2e-9 * self.step_ns, 1.0) if stuck else self._free_solref[index]
-        self.model.dof_solimp[dof, :2] = 0.9999 if stuck else self._free_solimp[index]
+        self._model.dof_solref[dof] = (2e-9 * self.step_ns, 1.0) if stuck else self._free_solref[index]
+        self._model.dof_solimp[dof, :2] = 0.9999 if stuck else self._free_solimp[index]
 
     def measure(self, name: str) -> float:
         """Return what a sensor of a name measures now, SI.
@@ -179,54 +160,46 @@ class Plant:
             name: "x", "y", "z", "heading", "roll", "pitch" or "force"
         """
         if name == "force":
-            return base_force(self.model, self.data)
+            return base_force(self._model, self._data)
         if self._pose[0] != self.time_ns:
-            self._pose = (self.time_ns, base_pose(self.model, self.data))
+            self._pose = (self.time_ns, base_pose(self._model, self._data))
         return float(getattr(self._pose[1], name))
 
     def truth(self) -> Truth:
         """Return the state for judges."""
-        rotation = base_rotation(self.model, self.data)
+        rotation = base_rotation(self._model, self._data)
         roll = math.atan2(rotation[2, 1], rotation[2, 2])
         pitch = math.asin(min(1.0, max(-1.0, -rotation[2, 0])))
         yaw = math.atan2(rotation[1, 0], rotation[0, 0])
         return Truth(
             t=self.time_ns * 1e-9,
-            base_pos=np.array(self.data.qpos[:3]),
+            base_pos=np.array(self._data.qpos[:3]),
             base_rpy=np.array([roll, pitch, yaw]),
-            feet_clearance_m=clearance(self.model, self.data, self.layout),
+            feet_clearance_m=clearance(self._model, self._data, self._layout),
             joint_rad=np.array([shaft.angle() for shaft in self.shafts]),
             joint_vel=np.array([shaft.rate() for shaft in self.shafts]),
         )
 
     def _stick(self) -> None:
         """Raise the friction of joints that stand (Stribeck)."""
-        twin = self.twin
-        for index, dof in enumerate(self.layout.dof):
-            speed = float(self.data.qvel[dof]) / twin.stiction_speed_rad_s
+        twin = self._twin
+        for index, dof in enumerate(self._layout.dof):
+            speed = float(self._data.qvel[dof]) / twin.stiction_speed_rad_s
             excess = (twin.stiction_scale - 1.0) * math.exp(-speed * speed)
-            self.model.dof_frictionloss[dof] = self._friction[index] * (1.0 + excess)
+            self._model.dof_frictionloss[dof] = self._friction[index] * (1.0 + excess)
 
     def _sag(self) -> None:
         """Let the supply sag under the currents that the motors draw."""
-        if self.twin.supply_ohm > 0.0:
+        if self._twin.supply_ohm > 0.0:
             # a bridge at half duty draws half the motor's current; what a motor gives back is lost
             drawn = sum(max(0.0, shaft.duty() * shaft.current()) for shaft in self.shafts)
-            self._set_voltage(max(0.0, self._open_circuit_v - self.twin.supply_ohm * drawn))
+            self._set_voltage(max(0.0, self._open_circuit_v - self._twin.supply_ohm * drawn))
 
     def _set_voltage(self, volts: float) -> None:
-        if volts != self.supply_v:
-            self.supply_v = volts
+        if volts != self._body.supply_v:
+            self._body.supply_v = volts
             for shaft in self.shafts:
                 shaft.refresh()
-
-
-def _play(model: mujoco.MjModel, data: mujoco.MjData, hinge: str) -> Play | None:
-    """Return where a hinge's play is kept, or None if it has none."""
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, hinge + PLAY)
-    if number < 0:
-        return None
-    return data.qpos[int(model.jnt_qposadr[number]) :], data.qvel[int(model.jnt_dofadr[number]) :]
 
 
 def _copy_pose(source: Any, settled: Any, model: Any, data: Any) -> None:  # noqa: ANN401  MuJoCo's types lack their fields

@@ -12,14 +12,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from controller.rig import Joint
 from deploy.virtual.drive import Drive, Law, Mode
+from deploy.virtual.mechanics import Mechanics
 from sim_models.servo import ServoParameters, set_servo, set_torque
-
-if TYPE_CHECKING:
-    from deploy.virtual.plant import Plant
 
 _HAND: Final = Drive(on=True, mode="position", law=Law(kp=1.0 / 0.12))
 """How a joint in velocity mode is held as by hand: full torque from 0.12 rad on."""
@@ -31,23 +29,23 @@ class JointShaft:
     """Give a virtual servo its joint, counted as its encoder counts.
 
     Args:
-        plant: the body
+        body: the body
         joint: the rig's joint
         index: its place in the rig
         held: whether it is held as by hand until its servo is first switched on
     """
 
-    def __init__(self, plant: Plant, joint: Joint, index: int, held: bool) -> None:
-        self._plant = plant
+    def __init__(self, body: Mechanics, joint: Joint, index: int, held: bool) -> None:
+        self._body = body
         self._joint = joint
         self._index = index
-        self._twin = plant.twin.joint(joint.name)
-        data = plant.data
-        self._qpos = data.qpos[int(plant.layout.qpos[index]) :]
-        self._qvel = data.qvel[int(plant.layout.dof[index]) :]
-        self._actuator = int(plant.layout.actuator[index])
-        self._inputs = data.ctrl[int(plant.model.actuator_ctrladr[self._actuator]) :]
-        self._play = plant.play(index)
+        self._twin = body.twin.joint(joint.name)
+        data = body.data
+        self._qpos = data.qpos[int(body.layout.qpos[index]) :]
+        self._qvel = data.qvel[int(body.layout.dof[index]) :]
+        self._actuator = int(body.layout.actuator[index])
+        self._inputs = data.ctrl[int(body.model.actuator_ctrladr[self._actuator]) :]
+        self._play = body.plays[index]
         self._ticks_per_rad = joint.sign * joint.product.ticks_per_turn / (2.0 * math.pi)
         self._zero = joint.zero_tick + self._ticks_per_rad * self._twin.encoder_bias_rad
         self._held = held
@@ -60,7 +58,7 @@ class JointShaft:
         if joint.mode == "velocity":
             self._write(_HAND)
         self._inputs[_ANGLE] = joint.neutral_rad
-        set_torque(plant.model, self._actuator, held)
+        set_torque(body.model, self._actuator, held)
 
     # what the servo sees and does
 
@@ -75,16 +73,16 @@ class JointShaft:
     def torque(self) -> float:
         """Return the motor's torque [N m]."""
         driven = self._drive.on or self._drive.brake
-        return self._joint.sign * float(self._plant.data.actuator_force[self._actuator]) if driven else 0.0
+        return self._joint.sign * float(self._body.data.actuator_force[self._actuator]) if driven else 0.0
 
     def duty(self) -> float:
         """Return the PWM duty, -1 to 1: what makes this torque at this speed."""
-        if not self._drive.on or self._plant.supply_v <= 0.0:
+        if not self._drive.on or self._body.supply_v <= 0.0:
             return 0.0
         product, twin = self._joint.product, self._twin
         stall = product.stall_torque_nm * twin.torque_scale * twin.torque_constant_scale
         share = self.torque() / stall + self.speed() / product.no_load_speed_rad_s * twin.torque_constant_scale
-        return min(1.0, max(-1.0, share * product.voltage_v / self._plant.supply_v))
+        return min(1.0, max(-1.0, share * product.voltage_v / self._body.supply_v))
 
     def current(self) -> float:
         """Return the motor's current, signed as the torque [A]."""
@@ -93,7 +91,7 @@ class JointShaft:
 
     def supply(self) -> float:
         """Return the supply voltage at the servo [V]."""
-        return self._plant.supply_v
+        return self._body.supply_v
 
     def drive(self, drive: Drive) -> None:
         """Change how the servo drives the joint.
@@ -115,7 +113,7 @@ class JointShaft:
         self._write(drive)
         self._stepped = self._play is not None or _needs_steps(drive)
         self._apply()
-        set_torque(self._plant.model, self._actuator, drive.on or drive.brake)
+        set_torque(self._body.model, self._actuator, drive.on or drive.brake)
 
     def aim(self, value: float) -> None:
         """Set where the servo drives the joint to.
@@ -123,7 +121,11 @@ class JointShaft:
         Args:
             value: by the drive's mode: an angle [ticks], a velocity [rad/s] or a duty
         """
-        self._plant.command(self._index, self._drive.mode, value)
+        delay_ns = self._body.delay_ns
+        if delay_ns:
+            self._body.commands.append((self._body.time_ns + delay_ns, self._index, self._drive.mode, value))
+        else:
+            self.take(self._drive.mode, value)
 
     def feedforward(self, duty: float) -> None:
         """Add a duty to what the law gives.
@@ -206,24 +208,24 @@ class JointShaft:
             # a law that is at its limit does not wind up
             self._integral += law.ki * error * dt
         if drive.slope_v_s > 0.0:
-            volts = min(max(duty, -law.duty_max), law.duty_max) * self._plant.supply_v
+            volts = min(max(duty, -law.duty_max), law.duty_max) * self._body.supply_v
             change = drive.slope_v_s * dt
             self._volts = min(max(volts, self._volts - change), self._volts + change)
-            added = self._volts / self._plant.supply_v if self._plant.supply_v > 0.0 else 0.0
+            added = self._volts / self._body.supply_v if self._body.supply_v > 0.0 else 0.0
         inputs[_TORQUE] = self._torque_per_duty * added
 
     # inside
 
     def _write(self, drive: Drive) -> None:
         """Write a drive into the model's motor."""
-        plant, product, law, twin = self._plant, self._joint.product, drive.law, self._twin
+        body, product, law, twin = self._body, self._joint.product, drive.law, self._twin
         # both as the datasheet has them at the output; the constant is torque per current too, in units of its own
         nominal = product.voltage_v / product.no_load_speed_rad_s
         r = nominal * product.voltage_v / (product.stall_torque_nm * twin.torque_scale)
         k = nominal * twin.torque_constant_scale
         stall = product.stall_torque_nm * twin.torque_scale * twin.torque_constant_scale
         # MuJoCo reads a voltage limit of 0 as none: no PWM at all is a gain of 0 instead
-        self._torque_per_duty = k / r * plant.supply_v if drive.on and law.duty_max > 0.0 else 0.0
+        self._torque_per_duty = k / r * body.supply_v if drive.on and law.duty_max > 0.0 else 0.0
         kp, kd = 0.0, k * k / r  # the motor's own back-EMF, which MuJoCo's controller cancels
         self._velocity_scale = 0.0
         if drive.slope_v_s > 0.0:
@@ -234,16 +236,16 @@ class JointShaft:
         elif drive.mode == "velocity":
             kd += self._torque_per_duty * law.kp
             self._velocity_scale = self._torque_per_duty * law.kp / kd
-        limits = (stall * plant.supply_v / product.voltage_v, stall * drive.torque_max, stall * law.torque_share_max)
+        limits = (stall * body.supply_v / product.voltage_v, stall * drive.torque_max, stall * law.torque_share_max)
         set_servo(
-            plant.model,
+            body.model,
             self._actuator,
             ServoParameters(
                 resistance=r,
                 motor_constant=k,
                 kp=kp,
                 kd=kd,
-                voltage_max=law.duty_max * plant.supply_v,
+                voltage_max=law.duty_max * body.supply_v,
                 torque_max=min(limits),
             ),
         )

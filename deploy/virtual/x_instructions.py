@@ -5,15 +5,58 @@ Source: ROBOTIS e-Manual, docs/en/dxl/protocol2.md. What it says of no error is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, TypeAlias
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final, Protocol, TypeAlias
 
 from deploy.virtual import dynamixel2 as dxl
+from deploy.virtual.control_table import ControlTable
 
-if TYPE_CHECKING:
-    from deploy.virtual.x_servo import XServo
 
-Handler: TypeAlias = "Callable[[XServo, dxl.Packet, int], tuple[int, bytes]]"
+class Instructed(Protocol):
+    """Do what instructions ask of a servo."""
+
+    table: ControlTable
+    registered: bytes | None
+    backup: Mapping[str, int] | None
+
+    def read(self, address: int, length: int, now_ns: int) -> tuple[int, bytes]:
+        """Return an error number and registers as they are now."""
+        ...
+
+    def check(self, address: int, data: bytes) -> int:
+        """Return the error number that a write would have now, 0 for none."""
+        ...
+
+    def write(self, address: int, data: bytes, now_ns: int) -> int:
+        """Write registers by the rules; return an error number."""
+        ...
+
+    def register(self, parameters: bytes | None) -> None:
+        """Keep a write for the next action."""
+        ...
+
+    def factory_reset(self, kept: Iterable[str], now_ns: int) -> None:
+        """Set the control table to the factory's, and boot."""
+        ...
+
+    def reboot(self, now_ns: int) -> None:
+        """Start anew with what the EEPROM holds."""
+        ...
+
+    def clear_turns(self) -> bool:
+        """Count the present position within one turn; return False if the shaft moves."""
+        ...
+
+    def back_up(self) -> None:
+        """Keep a copy of what can be brought back."""
+        ...
+
+    def restore_backup(self, now_ns: int) -> None:
+        """Bring the copy back, and boot."""
+        ...
+
+
+Handler: TypeAlias = Callable[[Instructed, dxl.Packet, int], tuple[int, bytes]]
 """(servo, packet, time [ns]) => error number, data."""
 
 RESET_ALL, RESET_BUT_ID, RESET_BUT_ID_AND_BAUD = 0xFF, 1, 2
@@ -27,7 +70,7 @@ _BACKUP_KEY: Final = b"CTRL"
 _BACK_UP, _RESTORE = 1, 2
 
 
-def unknown(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def unknown(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     """Answer an instruction that the servo does not have.
 
     Args:
@@ -38,25 +81,25 @@ def unknown(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]
     return dxl.INSTRUCTION_ERROR, b""
 
 
-def _ping(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _ping(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     model = servo.table["model_number"]
     return 0, bytes((model & 0xFF, model >> 8, servo.table["firmware_version"]))
 
 
-def _read(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _read(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     parameters = packet.parameters
     if len(parameters) != 4:
         return dxl.DATA_LENGTH_ERROR, b""
     return servo.read(_two(parameters, 0), _two(parameters, 2), now_ns)
 
 
-def _write(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _write(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     if len(packet.parameters) < 3:
         return dxl.DATA_LENGTH_ERROR, b""
     return servo.write(_two(packet.parameters, 0), packet.parameters[2:], now_ns), b""
 
 
-def _reg_write(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _reg_write(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     if len(packet.parameters) < 3:
         return dxl.DATA_LENGTH_ERROR, b""
     error = servo.check(_two(packet.parameters, 0), packet.parameters[2:])
@@ -65,7 +108,7 @@ def _reg_write(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, byt
     return error, b""
 
 
-def _action(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _action(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     registered = servo.registered
     if registered is None:
         return dxl.INSTRUCTION_ERROR, b""
@@ -73,7 +116,7 @@ def _action(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]
     return servo.write(_two(registered, 0), registered[2:], now_ns), b""
 
 
-def _factory_reset(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _factory_reset(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     if len(packet.parameters) != 1:
         return dxl.DATA_LENGTH_ERROR, b""
     option = packet.parameters[0]
@@ -87,14 +130,14 @@ def _factory_reset(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int,
     return 0, b""
 
 
-def _reboot(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _reboot(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     if packet.parameters:
         return dxl.DATA_LENGTH_ERROR, b""
     servo.reboot(now_ns)
     return 0, b""
 
 
-def _clear(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _clear(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     if len(packet.parameters) != len(_CLEAR_TURNS):
         return dxl.DATA_LENGTH_ERROR, b""
     if packet.parameters != _CLEAR_TURNS:
@@ -102,7 +145,7 @@ def _clear(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     return (0 if servo.clear_turns() else dxl.RESULT_FAIL), b""
 
 
-def _backup(servo: XServo, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
+def _backup(servo: Instructed, packet: dxl.Packet, now_ns: int) -> tuple[int, bytes]:
     if len(packet.parameters) != 1 + len(_BACKUP_KEY):
         return dxl.DATA_LENGTH_ERROR, b""
     option, key = packet.parameters[0], packet.parameters[1:]
