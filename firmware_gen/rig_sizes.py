@@ -23,9 +23,14 @@ _SHARED: Final = {
 _FIRMWARE: Final = {
     "joint": "joints of a rig",
     "sensor": "channels of the sensor node",
+    "message": "letters that a rig's lines have",
     "block": "bytes of the longest block that is read at once",
     "frame": "bytes of the longest packet, stuffing included",
 }
+
+
+_EXTRA: Final = 7
+"""`SV_EXTRA_MAX` of `runtime/sv_bus_late.h`: bytes more than wanted that the bus may ask for."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,7 @@ class Sizes:
         raw: raw channels
         joint: joints
         sensor: channels of the sensor node
+        message: letters that its lines have
         block: bytes of the longest block that is read at once
         frame: bytes of the longest packet, stuffing included
     """
@@ -53,6 +59,7 @@ class Sizes:
     raw: int
     joint: int
     sensor: int
+    message: int
     block: int
     frame: int
 
@@ -77,8 +84,9 @@ def sizes_of(rig: Rig, controller: Controller) -> Sizes:
         raw=rig.nraw,
         joint=njoint,
         sensor=max(len(rig.sensors), 1),
+        message=max(len({sensor.message for sensor in rig.sensors}), 1),
         block=block,
-        frame=_frame(rig, block, schedule.state[1]),
+        frame=_frame(rig, block),
     )
 
 
@@ -116,12 +124,10 @@ def _header(guard: str, sizes: Sizes, comments: Mapping[str, str]) -> str:
     )
 
 
-def _frame(rig: Rig, block: int, state: int) -> int:
-    """Return the bytes of the longest packet, or of all answers to a sync read together if they are more."""
-    njoint, joint = len(rig.joints), rig.joints[0]
+def _frame(rig: Rig, block: int) -> int:
+    """Return the bytes of the longest packet: an answer with the longest block, or a question that holds all goals."""
+    joint = rig.joints[0]
     goal = registers(joint.product)[joint.family.goal(joint.mode)].size
-    empty, body, stuffed = (14, 1 + block, True) if joint.family.protocol == "dynamixel-2.0" else (8, block, False)
-    body = max(body, 4 + njoint * (1 + goal))
-    if stuffed:
-        body += body // 3 + 1
-    return max(empty + body, njoint * (empty + state), 64)
+    stuffed = joint.family.protocol == "dynamixel-2.0"
+    body = max(1 + block + _EXTRA, 4 + len(rig.joints) * (1 + goal))
+    return 14 + body + body // 3 + 1 if stuffed else 8 + body

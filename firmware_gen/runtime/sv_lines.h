@@ -23,7 +23,6 @@ extern "C" {
 #endif
 
 #define SV_LINE_BYTES_MAX 200  // of a line, from behind its $ to before its end
-#define SV_MESSAGE_MAX 4       // letters that a rig's lines have
 #define SV_WINDOW_MAX 9        // differences of a second
 
 // A difference of the clocks, the smallest since it was seen.
