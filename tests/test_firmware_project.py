@@ -321,3 +321,20 @@ def test_a_build_reports_sizes_as_binutils_counts_them(tmp_path, capsys):
     text, data, bss = map(int, counted[:3])
     assert told["text_bytes"] == text + data
     assert told["ram_bytes"] == data + bss
+
+
+# the page
+
+
+def test_the_page_lists_every_board_and_command_and_its_example_is_one(tmp_path):
+    page = (Path(__file__).parent.parent / "docs" / "firmware.md").read_text()
+    assert set(re.findall(r"^\| `([\w-]+)` \| .* \|$", page.split("## The project")[0], re.M)) >= set(board_names())
+    for command, _ in CONSOLE:
+        assert f"`{command}" in page, command
+    (tmp_path / "board.toml").write_text(re.findall(r"```toml\n(.*?)```", page, re.S)[0])
+    for name in ("hal.c", "toolchain.cmake"):
+        (tmp_path / name).write_text("")
+    board = load_board(tmp_path)
+    cmake = make_project(lamp(), load_rig("lamp-xc330"), board).files["CMakeLists.txt"]
+    assert "add_custom_target(flash COMMAND openocd -f interface/stlink.cfg -c" in cmake
+    assert "-T${CMAKE_CURRENT_SOURCE_DIR}/board/link.ld" in cmake
