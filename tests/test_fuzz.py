@@ -293,7 +293,8 @@ def test_twin_files(rounds, tmp_path):
 
 def test_eeprom_files(rounds, tmp_path):
     servos = {joint.name: {"id": joint.id, "baud_rate": 3, "pwm_limit": 885} for joint in RIG.joints}
-    good = json.dumps({"format": 1, "servos": servos}).encode()
+    good = json.dumps({"format": 1, "servos": servos, "backups": {"a0": {"pwm_limit": 885, "profile_velocity": 3}}})
+    good = good.encode()
     read = file_reader(tmp_path, "eeprom.json", lambda path: load_eeprom(path, RIG))
     read(good)
     survives(rounds, [good], read)

@@ -13,6 +13,7 @@ from dynamixel_sdk import (
     PacketHandler,
 )
 
+from controller.errors import InputError
 from controller.products import PRODUCTS
 from controller.rig_file import load_rig
 from deploy.virtual import dynamixel2 as dxl
@@ -130,6 +131,30 @@ def test_factory_reset_of_everything_is_not_for_everybody(master):
     assert master.ask(dxl.BROADCAST, dxl.FACTORY_RESET, b"\x02") == []
     master.wait(0.5)
     assert master.read(1, "homing_offset") == 0
+
+
+def test_a_backup_outlives_the_rig(tmp_path):
+    path = tmp_path / "eeprom.json"
+    master = Master(RIG, eeprom_path=path)
+    master.set(2, homing_offset=50, startup_configuration=2, position_p_gain=1234)
+    assert master.ask(2, dxl.BACKUP, BACK_UP) == [(2, 0, b"")]
+    master.set(2, homing_offset=-7)
+    again = Master(RIG, eeprom_path=path)
+    assert [again.read(servo, "backup_ready") for servo in (1, 2)] == [0, 1]
+    assert (again.read(2, "homing_offset"), again.read(2, "position_p_gain")) == (-7, 1234)
+    assert again.ask(2, dxl.BACKUP, RESTORE) == [(2, 0, b"")]
+    again.wait(0.5)
+    assert again.read(2, "homing_offset") == 50
+    text = path.read_text()
+    for old, new, told in (
+        ('"position_p_gain": 1234', '"position_p_gain": 99999', "servo a1: 'position_p_gain' = 99999 is no"),
+        ('"position_p_gain": 1234', '"led": 1', "servo a1: 'led' = 1 is no"),
+        ('"backups": {\n  "a1"', '"backups": {\n  "a9"', "its backups are of no servos of lamp-xc330"),
+    ):
+        assert old in text
+        path.write_text(text.replace(old, new))
+        with pytest.raises(InputError, match=told):
+            Master(RIG, eeprom_path=path)
 
 
 def test_a_backup_brings_the_eeprom_back(master):

@@ -20,7 +20,7 @@ from deploy.virtual.active_faults import ActiveFaults
 from deploy.virtual.adapter import UsbAdapter
 from deploy.virtual.bus import VirtualBus
 from deploy.virtual.drive import Shaft
-from deploy.virtual.eeprom_file import load_eeprom, save_eeprom
+from deploy.virtual.eeprom_file import Kept, load_eeprom, save_eeprom
 from deploy.virtual.fault_effects import FaultEffects
 from deploy.virtual.faults import Fault, check_faults
 from deploy.virtual.plant import Plant, Start, Truth
@@ -73,9 +73,9 @@ class VirtualRig:
         require_bus(rig, "a virtual rig")
         self._plant = Plant(rig, self.twin, start)
         self._eeprom_path = eeprom_path
-        eeprom = load_eeprom(eeprom_path, rig) if eeprom_path else {}
+        kept = load_eeprom(eeprom_path, rig) if eeprom_path else {}
         self.servos = tuple(
-            virtual_servo(joint.product, shaft, eeprom.get(joint.name) or commissioned(joint, rig))
+            virtual_servo(joint.product, shaft, kept.get(joint.name) or Kept(commissioned(joint, rig)))
             for joint, shaft in zip(rig.joints, self._plant.shafts, strict=True)
         )
         self._bus = VirtualBus(
@@ -268,7 +268,8 @@ class VirtualRig:
         for servo in self.servos:
             servo.eeprom_changed = False
         if self._eeprom_path:
-            save_eeprom(self._eeprom_path, self.rig, [servo.table.eeprom() for servo in self.servos])
+            kept = [Kept(servo.table.eeprom(), getattr(servo, "backup", None)) for servo in self.servos]
+            save_eeprom(self._eeprom_path, self.rig, kept)
 
     # faults
 

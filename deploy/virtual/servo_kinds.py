@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 from controller.products import Product
@@ -12,6 +11,7 @@ from deploy.virtual.ax_servo import AxServo
 from deploy.virtual.bus import Framing
 from deploy.virtual.drive import Shaft
 from deploy.virtual.dynamixel2_line import DYNAMIXEL2
+from deploy.virtual.eeprom_file import Kept
 from deploy.virtual.feetech_servo import FeetechServo
 from deploy.virtual.protocol1_line import PROTOCOL1
 from deploy.virtual.x_servo import XServo
@@ -19,19 +19,19 @@ from deploy.virtual.x_servo import XServo
 VirtualServo: TypeAlias = XServo | AxServo | FeetechServo
 
 
-def virtual_servo(product: Product, shaft: Shaft, eeprom: Mapping[str, int]) -> VirtualServo:
+def virtual_servo(product: Product, shaft: Shaft, kept: Kept) -> VirtualServo:
     """Return a servo.
 
     Args:
         product: which
         shaft: what it turns
-        eeprom: what its EEPROM holds where that is not the factory's: register name => count
+        kept: what it holds where that is not the factory's
     """
     if product.family == "dynamixel-ax":
-        return AxServo(product, shaft, eeprom)
+        return AxServo(product, shaft, kept.eeprom)
     if product.family.startswith("feetech"):
-        return FeetechServo(product, shaft, eeprom)
-    return XServo(product, shaft, eeprom)
+        return FeetechServo(product, shaft, kept.eeprom)
+    return XServo(product, shaft, kept.eeprom, kept.backup)
 
 
 def framing_of(rig: Rig) -> Framing[Any, Any]:

@@ -51,14 +51,17 @@ class XServo:
         product: which servo
         shaft: what it turns
         eeprom: what its EEPROM holds where that is not the factory's: register name => count
+        backup: what its backup holds, the same, or None if it has none
     """
 
-    def __init__(self, product: Product, shaft: Shaft, eeprom: Mapping[str, int]) -> None:
+    def __init__(
+        self, product: Product, shaft: Shaft, eeprom: Mapping[str, int], backup: Mapping[str, int] | None = None
+    ) -> None:
         self.product = product
         self.table = ControlTable(registers(product))
         for name, value in eeprom.items():
             self.table[name] = value
-        self.backup: Mapping[str, int] | None = None
+        self.backup = backup
         self.registered: bytes | None = None
         self.eeprom_changed = False
         self._bauds = family_of(product).bauds
@@ -275,6 +278,7 @@ class XServo:
         """Keep a copy of the EEPROM, and of what of the RAM can be brought back."""
         table = self.table
         self.backup = {**table.eeprom(), **{name: table[name] for name in RESTORED}}
+        self.eeprom_changed = True
         table["backup_ready"] = 1
 
     def restore_backup(self, now_ns: int) -> None:
