@@ -67,6 +67,4 @@ def firmware(
 def _tell(told: dict[str, Any], out: Path) -> None:
     print(out / "README.md")
     if "image" in told:
-        print(
-            f"{told['image']}: {told['text_bytes']} bytes of text, {told['ram_bytes']} bytes of RAM without the stack"
-        )
+        print(f"{told['image']}: {told['text_bytes']} bytes of text, {told['ram_bytes']} bytes of RAM")
