@@ -1,7 +1,5 @@
 #include "sv_safety.h"
 
-#include "sv_math.h"
-
 // the numbers of deploy/safety.py, where each is explained
 #define SV_PERSISTENT 3
 #define SV_POOR_MAX 10
@@ -62,7 +60,7 @@ static int32_t sv_blame(sv_watch* watch, int32_t joint, const sv_reply* reply, i
   if (reply->status == SV_REPLY_CORRUPT) {
     return sv_because(watch, SV_REASON_CORRUPT, joint, missed, mostly);
   }
-  return sv_because(watch, SV_REASON_REFUSED, joint, missed, mostly | reply->error << 8);
+  return sv_because(watch, SV_REASON_REFUSED, joint, missed, mostly | (int32_t)reply->error << 8);
 }
 
 int32_t sv_judge_replies(const sv_rig* rig, sv_watch* watch, const sv_reply* replies) {
@@ -196,27 +194,32 @@ int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, int64_t now_us, cons
   return 0;
 }
 
-// Return the square root of 0..1, by Newton's steps from above.
-static float sv_root(float x) {
-  float root = 1.0F;
-  for (int32_t i = 0; i < 16 && x > 0.0F; i++) {
-    root = 0.5F * (root + x / root);
+// Return a cosine that is right to 1e-4, from half the angle's: enough to tell lying from standing.
+static float sv_rough_cos(float x) {
+  const float turns = x * 0.159154943F;
+  if (!(turns < 1.0e6F && turns > -1.0e6F)) {
+    return 1.0F;  // no angle
   }
-  return x > 0.0F ? root : 0.0F;
+  const float angle = x - 6.28318531F * (float)(int32_t)(x < 0.0F ? turns - 0.5F : turns + 0.5F);
+  const float z = 0.25F * angle * angle;
+  const float half = 1.0F - z * (0.5F - z * (0.0416666667F - z * (0.00138888889F - z * 2.48015873e-05F)));
+  return 2.0F * half * half - 1.0F;
 }
 
-// Return the angle in 0..pi whose cosine is c: half of it has the tangent sqrt((1 - c) / (1 + c)).
-static float sv_acos(float c) {
-  const float sine = sv_root(0.5F * (1.0F - c));
-  const float cosine = sv_root(0.5F * (1.0F + c));
-  return cosine > 0.0F ? 2.0F * sv_atan(sine / cosine) : 3.14159274F;
+// Return the angle in 0..pi that has a cosine [mrad].
+static int32_t sv_rough_acos(float cosine) {
+  float angle = 0.0F;
+  for (float step = 1.57079633F; step > 5.0e-4F; step = 0.5F * step) {
+    angle = sv_rough_cos(angle + step) > cosine ? angle + step : angle;
+  }
+  return sv_milli(angle);
 }
 
 int32_t sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitch) {
   const float most = rig->safety.tilt_rad_max;
-  const float tilt = most > 0.0F ? sv_acos(sv_cos(roll) * sv_cos(pitch)) : 0.0F;
-  watch->tilted = tilt > most ? watch->tilted + 1 : 0;
-  return watch->tilted >= SV_PERSISTENT && sv_because(watch, SV_REASON_TILT, SV_NOBODY, sv_milli(tilt), 0);
+  const float cosine = sv_rough_cos(roll) * sv_rough_cos(pitch);
+  watch->tilted = most > 0.0F && cosine < sv_rough_cos(most) ? watch->tilted + 1 : 0;
+  return watch->tilted >= SV_PERSISTENT && sv_because(watch, SV_REASON_TILT, SV_NOBODY, sv_rough_acos(cosine), 0);
 }
 
 int32_t sv_judge_health(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t voltage, int32_t temperature) {
