@@ -23,6 +23,7 @@ _COMMANDS = {
     "study": ("servolve.study:study", "Rerun a convergence experiment of the founding papers."),
     "rig": ("servolve.rig:app", "List the rigs, and serve virtual ones to other programs."),
     "deploy": ("servolve.deploy:deploy", "Run a controller on a virtual or a real rig."),
+    "log": ("servolve.log:log", "Turn a recorded console of firmware into the log of a run."),
     "replay": ("servolve.replay:replay", "Check a log against its own controller, bit by bit."),
     "compare": ("servolve.compare:compare", "Lay a rig's log over its simulation."),
     "bench": ("servolve.bench:bench", "Measure speed, as ratios."),

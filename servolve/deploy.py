@@ -2,46 +2,34 @@
 
 from __future__ import annotations
 
-import json
 import os
-import platform
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from importlib.metadata import PackageNotFoundError, version
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Final
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
 
-from controller import Controller, Rig, controller_text, load_controller, load_rig
-from controller.errors import InputError, RunError
+from controller import Controller, Rig, load_controller, load_rig
+from controller.errors import InputError
 from controller.native import pack_cycle
 from controller.rig_file import rig_names
-from deploy.checks import Finding, check_controller
+from deploy.checks import check_controller
 from deploy.connection import connect_ports, connect_virtual
 from deploy.drivable import require_drivable
-from deploy.host_loop import Outcome, RunOptions, run_controller
+from deploy.host_loop import RunOptions, run_controller
 from deploy.log import RunLog
-from deploy.log_topics import FORMAT
-from deploy.period import Connection
 from deploy.realtime import realtime
 from deploy.stop_request import StopRequest
 from deploy.summary import summary
-from deploy.torque import unsure_sentence
 from servolve.announcer import Announcer
-from servolve.reading_table import reading_table
+from servolve.run_meta import GOAL_M, check_length, check_run, run_meta, run_seconds
 from servolve.run_rig import rig_of
-
-if TYPE_CHECKING:
-    from deploy.virtual.twin import Twin
+from servolve.run_table import exit_status, not_told, tell, warn
+from servolve.virtual_options import virtual_options
 
 VIRTUAL: Final = "virtual"
-GOAL_M: Final = 0.4
-SECONDS: Final = 6.0
-_PACKAGES: Final = ("servolve", "dynamixel-sdk", "mujoco-core", "numpy", "mcap")
 
 
 def deploy(
@@ -91,24 +79,19 @@ def deploy(
     about = rig_of(controller, program, rig)
     _require_drivable(about, program)
     virtual = port == VIRTUAL
-    _check_arguments(virtual, goal, seconds, derate, bool(twin or fault or seed), sensor_port, real_time)
-    if seed < 0:
-        raise InputError(f"--seed {seed}: is negative; give a whole number from 0")
-    if seconds is None:
-        seconds = float(program.provenance.get("time_limit_s", SECONDS))
-    if seconds < about.period_s:
-        raise InputError(f"--seconds {seconds:g}: is less than a control period of {about.period_s:g} s; give more")
-    other = _load_twin(twin)
+    check_run(goal, seconds, derate)
+    _check_arguments(virtual, bool(twin or fault or seed), sensor_port, real_time)
+    body = virtual_options(twin, fault, seed)
+    seconds = run_seconds(program, seconds)
+    check_length(about, seconds)
     options = RunOptions(goal, 0.0, seconds, arm or virtual, derate)
     console = Console(stderr=True)
     with ExitStack() as stack:
         stop = stack.enter_context(StopRequest())
         record = stack.enter_context(RunLog(log or os.devnull, 0 if virtual else time.time_ns()))
-        faults = _faults(fault)
-        meta = _meta(program, about, options, port, other, faults, seed)
-        record.write("/meta", 0.0, meta)
+        record.write("/meta", 0.0, run_meta(program, about, options, port, body if virtual else None))
         if virtual:
-            link = stack.enter_context(_virtual(about, other, faults, seed, stop))
+            link = stack.enter_context(connect_virtual(body.rig(about), stop.reason))
         else:
             link = stack.enter_context(connect_ports(about, port, sensor_port, stop.reason))
         if real_time:
@@ -117,18 +100,15 @@ def deploy(
 
         pack_cycle(program, about)  # refuses a controller that does not fit, before anything is said of it
         known = check_controller(about, program)
-        _warn(console, known)
+        warn(console, known)
         announcer = None if virtual else stack.enter_context(Announcer(console, about.name))
         outcome = run_controller(link, about, program, options, record, announcer)
         seen = link.witness.verdict(goal, 0.0) if link.witness else {}
     told = {"controller": program.name, "rig": about.name, "port": port} | summary(outcome, options, seen)
     told["log"] = None if log is None else str(log)
-    _warn(console, _not_told(outcome, known))
-    _tell(console, about, outcome, told, json_, options.arm)
-    if outcome.done and not outcome.faulty:
-        return 0
-    unsure = unsure_sentence(outcome.unsure) if outcome.unsure else outcome.reason
-    raise RunError(outcome.reason if unsure == outcome.reason else f"{outcome.reason}; {unsure}")
+    warn(console, not_told(outcome, known))
+    tell(console, about, outcome, told, json_, options.arm)
+    return exit_status(outcome)
 
 
 def _require_drivable(rig: Rig, program: Controller) -> None:
@@ -152,142 +132,10 @@ def _fits(program: Controller, rig: Rig) -> bool:
     return True
 
 
-def _check_arguments(
-    virtual: bool,
-    goal: float,
-    seconds: float | None,
-    derate: float,
-    pretended: bool,
-    sensor_port: str | None,
-    real_time: bool,
-) -> None:
-    if not -100.0 <= goal <= 100.0:
-        raise InputError(f"--goal {goal:g}: is no distance in reach; give metres")
-    if seconds is not None and not 0.0 < seconds <= 86400.0:
-        raise InputError(f"--seconds {seconds:g}: is not between 0 and 86400; give the length of the run")
-    if not 0.0 < derate <= 1.0:
-        raise InputError(f"--derate {derate:g}: is not above 0 and at most 1; give a part of the torque ceiling")
+def _check_arguments(virtual: bool, pretended: bool, sensor_port: str | None, real_time: bool) -> None:
     if pretended and not virtual:
         raise InputError("--twin, --fault and --seed: act on the virtual rig only; leave them out, or --port")
     if virtual and sensor_port is not None:
         raise InputError("--sensor-port: the virtual rig brings its own sensor node; leave it out, or give --port")
     if virtual and real_time:
         raise InputError("--realtime: the virtual rig runs in lock step, in its own time; leave it out, or give --port")
-
-
-def _load_twin(twin: Path | None) -> Twin | None:
-    if twin is None:
-        return None
-    from deploy.virtual.twin import load_twin
-
-    return load_twin(twin)
-
-
-def _faults(specs: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the faults, with those of files."""
-    if not specs:
-        return ()
-    from deploy.virtual.faults import fault_specs
-
-    return fault_specs(specs)
-
-
-@contextmanager
-def _virtual(
-    rig: Rig, twin: Twin | None, faults: tuple[str, ...], seed: int, stop: StopRequest
-) -> Iterator[Connection]:
-    # only the virtual rig needs MuJoCo
-    from deploy.virtual.faults import parse_fault
-    from deploy.virtual.rig import VirtualRig
-
-    body = VirtualRig(rig, seed=seed, twin=twin, faults=[parse_fault(text) for text in faults])
-    with connect_virtual(body, stop.reason) as link:
-        yield link
-
-
-def _meta(
-    controller: Controller,
-    rig: Rig,
-    options: RunOptions,
-    port: str,
-    twin: Twin | None,
-    faults: tuple[str, ...],
-    seed: int,
-) -> dict[str, Any]:
-    meta: dict[str, Any] = {
-        "format": FORMAT,
-        "rig": rig.name,
-        "rig_text": rig.text,
-        "controller": controller.name,
-        "controller_text": controller_text(controller),
-        "goal_dist": options.goal_dist,
-        "goal_bearing": options.goal_bearing,
-        "period_s": rig.period_s,
-        "port": port,
-        "seconds": options.seconds,
-        "derate": options.derate,
-        "versions": _versions(),
-    }
-    if port == VIRTUAL:
-        meta |= {"seed": seed, "faults": list(faults), "twin": None if twin is None else twin.text}
-    return meta
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def _not_told(outcome: Outcome, known: Sequence[Finding]) -> list[Finding]:
-    """Return the findings that nothing else says: those known before are told, the first error is how the run ended."""
-    first = next((finding for finding in outcome.findings if finding.level == "error"), None)
-    return [finding for finding in outcome.findings if finding is not first and finding not in known]
-
-
-def _warn(console: Console, findings: Sequence[Finding]) -> None:
-    for finding in findings:
-        console.print(f"servolve: {finding.level}: {finding.text}", highlight=False, markup=False, soft_wrap=True)
-
-
-def _tell(console: Console, rig: Rig, outcome: Outcome, told: Mapping[str, Any], as_json: bool, armed: bool) -> None:
-    if as_json:
-        print(json.dumps(told))
-        return
-    if not armed:
-        console.print(reading_table(outcome.readings))
-        for sensor in rig.sensors:
-            value = outcome.pose.get(sensor.name)
-            shown = "-" if value is None else f"{value:.4g}"
-            console.print(f"sensor {sensor.name}: {shown}", highlight=False)
-        if outcome.done:
-            console.print(outcome.reason, highlight=False)
-    elif outcome.cycles:
-        console.print(_figures(told))
-
-
-def _figures(told: Mapping[str, Any]) -> Table:
-    table = Table(show_header=False)
-    for name, unit in (
-        ("state", ""),
-        ("cycles", ""),
-        ("missed_deadlines", ""),
-        ("missed_replies", ""),
-        ("bus_bytes", ""),
-        ("goal_m", "m"),
-        ("final_px_m", "m"),
-        ("final_error_m", "m"),
-        ("final_tilt_rad", "rad"),
-        ("hops", ""),
-        ("max_clearance_m", "m"),
-        ("log", ""),
-    ):
-        value = told[name]
-        if value is not None:
-            label = name.removesuffix("_m").removesuffix("_rad").replace("_", " ")
-            table.add_row(label, f"{value:.3f} {unit}" if isinstance(value, float) else str(value))
-    return table

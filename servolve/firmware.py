@@ -14,6 +14,8 @@ from firmware_gen.board import board_names, load_board
 from firmware_gen.build import build_project, require_tools
 from firmware_gen.image_size import image_size
 from firmware_gen.project import make_project, write_project
+from servolve.firmware_run import AskedRun, run_image
+from servolve.run_meta import GOAL_M
 from servolve.run_rig import rig_of
 
 
@@ -25,6 +27,14 @@ def firmware(
     board: str | None = None,
     out: Path,
     build: Annotated[bool, Parameter(negative="")] = False,
+    run: Annotated[bool, Parameter(negative="")] = False,
+    goal: float = GOAL_M,
+    seconds: float | None = None,
+    derate: float = 1.0,
+    twin: Path | None = None,
+    fault: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    seed: int = 0,
+    log: Path | None = None,
     force: Annotated[bool, Parameter(negative="")] = False,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -38,11 +48,21 @@ def firmware(
         board: name of a board, or path of a folder with a board.toml; a wrong name is answered with the list
         out: the folder to write to
         build: build it too, with CMake
+        run: build it and run it on the virtual rig, in lock step, as `deploy` runs the host loop: board host as a
+            process of this computer, the others under QEMU
+        goal: of a run: distance of the goal ahead of the start [m]
+        seconds: of a run: its length; left out: as long as a rollout of the controller's evolution, or 6 [s]
+        derate: of a run: part of the rig's torque ceiling that is allowed
+        twin: of a run: twin file, which makes the virtual rig's physics differ from the simulation's
+        fault: of a run: what goes wrong on the virtual rig, as drop=0.01 or dead=2@3.0, or a file of faults; may be
+            repeated
+        seed: of a run: seed of the virtual rig's faults and noise
+        log: of a run: MCAP file to record
         force: write although other files are there
         json_: print one JSON object
 
     Returns:
-        exit status; 0: written, and built if that was asked for
+        exit status; 0: written, and built and run if that was asked for
     """
     if board is None:
         raise InputError(f"--board is missing; give it one of {', '.join(board_names())}, or a board's folder")
@@ -50,6 +70,10 @@ def firmware(
     loaded = load_controller(controller)
     about = rig_of(controller, loaded, rig)
     project = make_project(loaded, about, chosen)
+    asked = AskedRun(goal, seconds, derate, twin, fault, seed, log)
+    if not run and asked != AskedRun():
+        raise InputError("--goal, --seconds, --derate, --twin, --fault, --seed and --log: are of a run; add --run")
+    build = build or run
     if build:
         require_tools(chosen)
     write_project(project, out, force)
@@ -57,6 +81,10 @@ def firmware(
     if build:
         image = build_project(out, chosen)
         told |= {"image": str(image), **image_size(image)}
+    if run:
+        if not json_:
+            _tell(told, out)
+        return run_image(Path(told["image"]), chosen.machine, loaded, about, asked, told, json_)
     if json_:
         print(json.dumps(told | {"files": list(project.files)}))
     else:

@@ -1,0 +1,129 @@
+"""`servolve log`: what a board's console has sent, as the log of a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+
+from controller import Controller, Rig, load_controller
+from controller.errors import InputError
+from deploy.firmware.dump import DumpedRun, dumped_runs, lost_cycles, write_run
+from deploy.host_loop import Outcome, RunOptions
+from deploy.log import RunLog
+from deploy.summary import summary
+from firmware_gen.fingerprints import rig_fingerprint
+from servolve.run_meta import run_meta
+from servolve.run_rig import rig_of
+from servolve.run_table import tell
+
+_BYTES_MAX = 1 << 30
+
+
+def log(
+    console: Path,
+    /,
+    *,
+    controller: Path,
+    rig: str | None = None,
+    out: Path,
+    run: int | None = None,
+    json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Turn what a board's console has sent into a log as `deploy` records it, for replay and compare.
+
+    Record the console with any terminal program that keeps bytes as they come, as: cat /dev/ttyUSB1 > console.bin
+
+    Args:
+        console: file with the recorded bytes
+        controller: the controller that is in the firmware, or a run folder (its best)
+        rig: name that `servolve rig list` prints, or path of a rig file; left out: the one it was evolved on
+        out: MCAP file to write
+        run: which run of the recording, from 1; left out: the last
+        json_: print one JSON object
+
+    Returns:
+        exit status; 0: written, whatever became of the run
+    """
+    loaded = load_controller(controller)
+    about = rig_of(controller, loaded, rig)
+    runs, damaged = dumped_runs(_read(console), about, loaded)
+    chosen = _choose(console, runs, run)
+    _check_origin(console, chosen, about, loaded)
+    options = _asked(chosen, about)
+    with RunLog(out) as record:
+        record.write("/meta", 0.0, run_meta(loaded, about, options, "firmware", None))
+        outcome = write_run(chosen, about, loaded, record.write)
+    _report(chosen, about, loaded, options, outcome, damaged, out, json_)
+    return 0
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > _BYTES_MAX:
+            raise InputError(f"{path}: is larger than {_BYTES_MAX >> 20} MiB; cut out the run that you want")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a console's recording") from None
+
+
+def _choose(path: Path, runs: list[DumpedRun], number: int | None) -> DumpedRun:
+    if not runs:
+        raise InputError(f"{path}: holds no run; record the board's console byte by byte, from before the start on")
+    if number is None:
+        return runs[-1]
+    if not 1 <= number <= len(runs):
+        raise InputError(f"--run {number}: the recording holds {len(runs)}; give 1 to {len(runs)}")
+    return runs[number - 1]
+
+
+def _check_origin(path: Path, run: DumpedRun, rig: Rig, controller: Controller) -> None:
+    """Refuse a recording of firmware that was made from other files."""
+    if run.hello is not None and run.hello.rig != rig_fingerprint(rig, controller):
+        raise InputError(
+            f"{path}: is of firmware that was made from another rig or controller than {rig.name} and "
+            f"{controller.name}; give those that servolve.json of its project holds"
+        )
+
+
+def _asked(run: DumpedRun, rig: Rig) -> RunOptions:
+    """Return what the run was asked to do; 0 where that was not recorded."""
+    if run.started is None:
+        return RunOptions(0.0, 0.0, 0.0, True, 1.0)
+    asked = run.started
+    seconds = round(asked.periods * rig.period_s, 9)
+    return RunOptions(asked.goal_dist, asked.goal_bearing, seconds, bool(asked.armed), asked.derate)
+
+
+def _report(
+    run: DumpedRun,
+    rig: Rig,
+    controller: Controller,
+    options: RunOptions,
+    outcome: Outcome,
+    damaged: int,
+    out: Path,
+    as_json: bool,
+) -> None:
+    console = Console(stderr=True)
+    told = {"controller": controller.name, "rig": rig.name, "complete": run.complete, "damaged": damaged}
+    told |= {"lost_cycles": lost_cycles(run.records), "log": str(out)}
+    told |= {name: value for name, value in summary(outcome, options, {}).items() if name != "bus_sha256"}
+    if as_json:
+        print(json.dumps(told))
+        return
+    for what, sentence in (
+        (run.started is None, "its start was not recorded, so goal and length are not known: replay will differ"),
+        (not run.complete, "its end was not recorded; figures are of what was"),
+        (damaged > 0, f"{damaged} pieces of the recording are damaged"),
+        (told["lost_cycles"], f"{told['lost_cycles']} control periods are missing; replay needs them all"),
+    ):
+        if what:
+            console.print(f"servolve: warning: {sentence}", highlight=False, markup=False, soft_wrap=True)
+    tell(console, rig, outcome, told, False, options.arm)
+    if outcome.reason:
+        console.print(f"ended by: {outcome.reason}", highlight=False, markup=False, soft_wrap=True)
+    print(out)
