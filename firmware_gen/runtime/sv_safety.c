@@ -91,7 +91,7 @@ int32_t sv_judge_alert(const sv_rig* rig, sv_watch* watch, int32_t joint, const 
   }
   int32_t* alerted = &watch->joints[joint].alerted;
   *alerted = reply->alert ? *alerted + 1 : 0;
-  const int32_t passing = rig->protocol != SV_DYNAMIXEL2 && reply->error == SV_VOLTAGE_BIT;
+  const int32_t passing = SV_PROTOCOL(rig) != SV_DYNAMIXEL2 && reply->error == SV_VOLTAGE_BIT;
   return *alerted >= (passing ? SV_PERSISTENT : 1);
 }
 
@@ -122,11 +122,11 @@ int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int64_t* ages
 
 int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, const sv_reply* replies,
                           const int32_t* counts) {
-  if (rig->velocity_mode) {
+  if (SV_VELOCITY_MODE(rig)) {
     return 0;
   }
   // a sum of bytes does not always tell that a packet is damaged, a CRC does
-  const int32_t jumped_max = rig->protocol == SV_DYNAMIXEL2 ? 0 : 1;
+  const int32_t jumped_max = SV_PROTOCOL(rig) == SV_DYNAMIXEL2 ? 0 : 1;
   for (int32_t i = 0; i < rig->njoint; i++) {
     sv_watch_joint* joint = watch->joints + i;
     if (replies[i].status != SV_REPLY_DATA) {
