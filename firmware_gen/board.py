@@ -10,6 +10,9 @@ from controller.errors import InputError
 from controller.toml_table import Table, read_toml
 
 BOARDS: Final = Path(__file__).resolve().parent / "boards"
+FORMS: Final = ("cmake", "arduino")
+"""What a project can be."""
+
 _FILE: Final = "board.toml"
 _TOOLCHAIN: Final = "toolchain.cmake"
 
@@ -36,6 +39,7 @@ class Board:
     Args:
         name: of its folder
         folder: where its files are
+        form: "cmake": a project that CMake builds; "arduino": a library for the Arduino IDE and PlatformIO
         title: what it is called
         chip: what it computes with
         sources: C files in its folder that belong to the firmware
@@ -51,6 +55,7 @@ class Board:
 
     name: str
     folder: Path
+    form: str
     title: str
     chip: str
     sources: tuple[str, ...]
@@ -100,7 +105,8 @@ def _board(top: Table, folder: Path) -> Board:
     top.refuse_unknown(("format", "board", "flash"))
     head = top.table("board")
     head.refuse_unknown([field.name for field in fields(Board) if field.name not in ("name", "folder", "flash")])
-    if not (folder / _TOOLCHAIN).is_file():
+    form = _form(head)
+    if form == "cmake" and not (folder / _TOOLCHAIN).is_file():
         raise InputError(f"{folder}: has no {_TOOLCHAIN}; add one that names the compiler, or an empty one")
     sources = _texts(head, "sources")
     for source in sources:
@@ -109,6 +115,7 @@ def _board(top: Table, folder: Path) -> Board:
     return Board(
         name=folder.name,
         folder=folder,
+        form=form,
         title=head.text_value("title"),
         chip=head.text_value("chip"),
         sources=sources,
@@ -121,6 +128,13 @@ def _board(top: Table, folder: Path) -> Board:
         power=head.text_value("power").strip(),
         flash=tuple(_flash(table) for table in top.tables("flash")),
     )
+
+
+def _form(head: Table) -> str:
+    form = head.text_value("form") if "form" in head.values else FORMS[0]
+    if form not in FORMS:
+        head.fail("form", f"form is '{form}'; choose one of {', '.join(FORMS)}")
+    return form
 
 
 def _flash(table: Table) -> Flash:

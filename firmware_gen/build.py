@@ -70,8 +70,13 @@ def require_tools(board: Board) -> None:
         board: the board
 
     Raises:
-        InputError: something is missing
+        InputError: something is missing, or this program does not build it
     """
+    if board.form == "arduino":
+        raise InputError(
+            f"board {board.name}: its library is built by the Arduino IDE or PlatformIO, as its README.md says; "
+            "leave out --build"
+        )
     for tool in ("cmake", board.compiler):
         if shutil.which(tool) is None:
             package = _PACKAGES.get(tool, tool)

@@ -14,6 +14,7 @@ from controller import Controller, controller_text
 from controller.errors import InputError
 from controller.generate_runtime import PATH as RUNTIME_TABLE
 from controller.rig import Rig
+from firmware_gen.arduino_library import library_files
 from firmware_gen.board import Board
 from firmware_gen.fingerprints import program_fingerprint, rig_fingerprint
 from firmware_gen.generate import generate
@@ -95,12 +96,19 @@ def make_project(controller: Controller, rig: Rig, board: Board) -> Project:
     files |= {f"runtime/{name}": text for name, text in sizes_files(sizes).items()}
     for path in board.files:
         files[f"board/{path.name}"] = path.read_text(encoding="utf-8")
-    other = {f"board/{path.name}" for path in board.files if path.suffix == ".c" and path.name not in board.sources}
-    sources = sorted(path for path in files if path.endswith(".c") and path not in other)
-    files["CMakeLists.txt"] = cmake_text(board, sources)
+    if board.form == "arduino":
+        files = library_files(controller, rig, unit, files)
+    else:
+        files["CMakeLists.txt"] = cmake_text(board, _sources(board, files))
     files["README.md"] = readme_text(controller, rig, board)
     files[MANIFEST] = _manifest(controller, rig, board, unit, asdict(sizes), files)
     return Project(board, unit, dict(sorted(files.items())))
+
+
+def _sources(board: Board, files: Mapping[str, str]) -> list[str]:
+    """Return which of a project's files are compiled."""
+    other = {f"board/{path.name}" for path in board.files if path.suffix == ".c" and path.name not in board.sources}
+    return sorted(path for path in files if path.endswith(".c") and path not in other)
 
 
 def write_project(project: Project, folder: Path, force: bool = False) -> None:
@@ -118,7 +126,7 @@ def write_project(project: Project, folder: Path, force: bool = False) -> None:
         before = _written_before(folder)
         if not force:
             _refuse_others(folder, before)
-        if before.get(_TOOLCHAIN) != hashlib.sha256(project.files[_TOOLCHAIN].encode()).hexdigest():
+        if before.get(_TOOLCHAIN) != hashlib.sha256(project.files.get(_TOOLCHAIN, "").encode()).hexdigest():
             _drop_build(folder)
         for path in sorted(before.keys() - project.files.keys()):
             if _digest(folder / path) == before[path]:
@@ -175,7 +183,7 @@ def _written_before(folder: Path) -> dict[str, str]:
 def _inside(path: str) -> bool:
     """Tell whether a path stays in the folder that it is relative to."""
     parts = PurePosixPath(path).parts
-    return 0 < len(parts) <= 2 and not path.startswith("/") and ".." not in parts
+    return 0 < len(parts) <= 3 and not path.startswith("/") and ".." not in parts
 
 
 def _digest(path: Path) -> str:

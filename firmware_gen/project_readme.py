@@ -15,7 +15,7 @@ _PACKAGES: Final = {"cc": "gcc", "arm-none-eabi-gcc": "gcc-arm-none-eabi"}
 
 CONSOLE: Final = (
     ("help", "list the commands"),
-    ("status", "state, goal, length, derating; whether it is armed"),
+    ("status", "state, whether it is armed, why the last run ended (`runtime/sv_reason.h`), cycles"),
     ("goal D [BEARING]", "distance of the goal ahead [m], its direction from the heading [rad]"),
     ("seconds S", "length of a run [s]"),
     ("derate X", "part of the torque ceiling that is allowed, above 0 and at most 1"),
@@ -43,7 +43,7 @@ def readme_text(controller: Controller, rig: Rig, board: Board) -> str:
                 f"Board: {board.title} ({board.chip}). What this folder was made from stands in `servolve.json`."
             ),
             "",
-            *_build(board),
+            *(_install() if board.form == "arduino" else _build(board)),
             *_flash(board),
             *_servos(rig),
             "## Wiring",
@@ -57,9 +57,22 @@ def readme_text(controller: Controller, rig: Rig, board: Board) -> str:
             *_steps(rig, board),
             *_console(),
             *_stops(rig),
-            *_files(),
+            *_files(board),
         ]
     )
+
+
+def _install() -> list[str]:
+    steps = (
+        "Arduino IDE: put this folder into the sketchbook's `libraries/`, install *Dynamixel2Arduino* and the board's "
+        "package by their managers, then open the library's sketches under File, Examples. `…_Dynamixel` is for boards "
+        "that Dynamixel2Arduino knows, `…_Serial` for a serial port with a direction pin; it needs no other library.",
+        "PlatformIO: put this folder into a project's `lib/`, a sketch of `examples/` into its `src/`, and for "
+        "`…_Dynamixel` write `lib_deps = robotis-git/Dynamixel2Arduino` into `platformio.ini`.",
+        "Every C file forbids the compiler to fuse products with sums, and the controller checks at start that it "
+        "computes the reference's bits; where it does not, the console says so and no run starts.",
+    )
+    return ["## Install", "", *(line for step in steps for line in [*_wrapped(step), ""])]
 
 
 def _build(board: Board) -> list[str]:
@@ -174,15 +187,28 @@ def _wrapped(text: str, first: str = "", rest: str = "") -> list[str]:
     return textwrap.wrap(text, 116, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
 
 
-def _files() -> list[str]:
+def _files(board: Board) -> list[str]:
+    folders = (
+        (
+            (
+                "src/",
+                "the controller as C, the rig as data, bus, checks, states, safety, log, and what they need of a board",
+            ),
+            ("examples/", "sketches: which ports and pins there are"),
+        )
+        if board.form == "arduino"
+        else (
+            ("src/", "the controller as C, the rig as data, `main.c`"),
+            ("runtime/", "bus, checks, states, safety, log: the same for every rig and board"),
+            ("board/", "start-up code, clock, lines, inputs and watchdog of this board"),
+        )
+    )
     return [
         "## Files",
         "",
         "| folder | what it holds |",
         "|---|---|",
-        "| `src/` | the controller as C, the rig as data, `main.c` |",
-        "| `runtime/` | bus, checks, states, safety, log: the same for every rig and board |",
-        "| `board/` | start-up code, clock, lines, inputs and watchdog of this board |",
+        *(f"| `{folder}` | {what} |" for folder, what in folders),
         "",
         "Generated files say so in their first lines; the same controller, rig and board give the same bytes.",
         "",
