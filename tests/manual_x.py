@@ -164,9 +164,20 @@ class Servo:
         else:
             memory[item.name] = value
         memory.forget(*(name for name in RESETS.get(item.name, ()) if name != item.name))
-        drive = memory["drive_mode"]
-        if item.name in GOALS and (drive is None or drive & 8) and not memory["torque_enable"]:
+        if item.name in GOALS and self.goals_switch_on():
             memory.forget("torque_enable")
+
+    def take_perhaps(self, item):
+        """Note a write that nobody answered and that may have been refused."""
+        memory = self.memory
+        memory.forget(item.name, *RESETS.get(item.name, ()))
+        if item.name in GOALS and self.goals_switch_on():
+            memory.forget("torque_enable")
+
+    def goals_switch_on(self):
+        """Return whether a goal may switch torque on now."""
+        drive = self.memory["drive_mode"]
+        return (drive is None or bool(drive & 8)) and not self.memory["torque_enable"]
 
     def alerted(self):
         """Note a hardware error: torque may have gone with it, and comes back after a reboot only."""
