@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,7 @@ from firmware_gen.literals import literal
 from firmware_gen.plain import plain
 from firmware_gen.rig_needs import needed_sensors
 from firmware_gen.rig_rows import HIGHEST, LOWEST, CheckRow, check_rows, count_limits, setting_counts, table_blocks
+from firmware_gen.rig_sizes import PROTOCOLS
 from firmware_gen.unit import Unit
 
 CONSOLE_BAUD: Final = 1_000_000
@@ -31,7 +33,6 @@ SENSOR_BAUD: Final = 115_200
 JOINT_MAX: Final = 16
 SENSOR_MAX: Final = 16
 
-_PROTOCOLS: Final = {"dynamixel-2.0": "SV_DYNAMIXEL2", "feetech-sts": "SV_FEETECH_STS"}
 _ENCODINGS: Final = {
     "unsigned": "SV_UNSIGNED",
     "twos": "SV_TWOS",
@@ -66,10 +67,10 @@ def require_speakable(rig: Rig) -> None:
         InputError: it has no bus, its servos talk otherwise, or it has too many joints or sensors
     """
     require_bus(rig, "firmware")
-    if rig.bus.protocol not in _PROTOCOLS:
+    if rig.bus.protocol not in PROTOCOLS:
         raise InputError(
             f"rig {rig.name}: its {rig.joints[0].product.name} servos speak {rig.bus.protocol}, and firmware speaks "
-            f"{' and '.join(_PROTOCOLS)}; choose a rig with such servos, or run this one with `servolve deploy`"
+            f"{' and '.join(PROTOCOLS)}; choose a rig with such servos, or run this one with `servolve deploy`"
         )
     for count, most, what in ((len(rig.joints), JOINT_MAX, "joints"), (len(rig.sensors), SENSOR_MAX, "sensors")):
         if count > most:
@@ -151,11 +152,12 @@ def rig_source(rig: Rig, controller: Controller, fast_sync_read: bool = False) -
         "",
         *_cycle(spec),
     ]
+    rows = [_joint_rows(rig, joint) for joint in rig.joints]
     for number, joint in enumerate(rig.joints):
-        lines += _joint_tables(rig, number, joint)
+        lines += _joint_tables(number, joint, rows)
     lines += ["static const sv_joint joints[] = {"]
     for number, joint in enumerate(rig.joints):
-        lines += _joint(number, joint)
+        lines += _joint(number, joint, rows)
     lines += ["};", ""]
     if rig.sensors:
         lines += ["static const sv_sensor sensors[] = {"]
@@ -171,7 +173,7 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
         "const sv_rig servolve_rig = {",
         *_fields(
             [
-                ("protocol", _PROTOCOLS[rig.bus.protocol]),
+                ("protocol", PROTOCOLS[rig.bus.protocol]),
                 ("baud", rig.bus.baud),
                 ("return_delay_us", rig.bus.return_delay_us),
                 ("patience_us", _PATIENCE_US),
@@ -223,19 +225,37 @@ def _safety(safety: Safety) -> str:
     return "\n".join(["", "        {", *(f"        {line}" for line in _fields(values)), "        }"])
 
 
-def _joint_tables(rig: Rig, number: int, joint: Joint) -> list[str]:
-    """Write the rows of one joint's checks and settings."""
-    return [
-        f"// joint {plain(joint.name)}, servo {joint.id}: {joint.product.name}",
-        f"static const sv_check checks{number}[] = {{",
-        *_rows((_check(row), row.register.name) for row in check_rows(rig, joint)),
-        "};",
-        "",
-        f"static const sv_setting settings{number}[] = {{",
-        *_rows((f"{{{_register(line)}, {count}}}", line.name) for line, count in setting_counts(joint)),
-        "};",
-        "",
-    ]
+@dataclass(frozen=True)
+class _Rows:
+    """Hold the rows of one joint's checks and settings, as C; joints with equal rows share them."""
+
+    checks: tuple[str, ...]
+    settings: tuple[str, ...]
+
+
+def _joint_rows(rig: Rig, joint: Joint) -> _Rows:
+    return _Rows(
+        tuple(_rows((_check(row), row.register.name) for row in check_rows(rig, joint))),
+        tuple(_rows((f"{{{_register(line)}, {count}}}", line.name) for line, count in setting_counts(joint))),
+    )
+
+
+def _places(number: int, rows: Sequence[_Rows]) -> tuple[int, int]:
+    """Return of which joints a joint has its checks and its settings: the first ones with the same rows."""
+    checks = next(i for i, row in enumerate(rows) if row.checks == rows[number].checks)
+    settings = next(i for i, row in enumerate(rows) if row.settings == rows[number].settings)
+    return checks, settings
+
+
+def _joint_tables(number: int, joint: Joint, rows: Sequence[_Rows]) -> list[str]:
+    """Write the rows of one joint's checks and settings, where no joint before has the same."""
+    checks, settings = _places(number, rows)
+    lines = [f"// joint {plain(joint.name)}, servo {joint.id}: {joint.product.name}"]
+    if checks == number:
+        lines += [f"static const sv_check checks{number}[] = {{", *rows[number].checks, "};", ""]
+    if settings == number:
+        lines += [f"static const sv_setting settings{number}[] = {{", *rows[number].settings, "};", ""]
+    return lines if len(lines) > 1 else []
 
 
 def _check(row: CheckRow) -> str:
@@ -246,8 +266,9 @@ def _check(row: CheckRow) -> str:
     )
 
 
-def _joint(number: int, joint: Joint) -> list[str]:
+def _joint(number: int, joint: Joint, rows: Sequence[_Rows]) -> list[str]:
     family, table = joint.family, registers(joint.product)
+    checks, settings = _places(number, rows)
     velocity = joint.mode == "velocity"
     unit = joint.product.velocity_unit_rad_s
     seeds = (0, 0) if velocity else count_limits(joint)
@@ -290,10 +311,10 @@ def _joint(number: int, joint: Joint) -> list[str]:
         ("voltage_scale", _float(table[family.voltage].scale)),
         ("error_bits", f"0x{sum(1 << bit for bit in family.error_bits):02x}"),
         ("tables", f"{{{', '.join(map(_pair, table_blocks(joint)))}}}"),
-        ("checks", f"checks{number}"),
-        ("ncheck", f"(int32_t)(sizeof checks{number} / sizeof checks{number}[0])"),
-        ("settings", f"settings{number}"),
-        ("nsetting", f"(int32_t)(sizeof settings{number} / sizeof settings{number}[0])"),
+        ("checks", f"checks{checks}"),
+        ("ncheck", len(rows[number].checks)),
+        ("settings", f"settings{settings}"),
+        ("nsetting", len(rows[number].settings)),
     ]
     return ["    {", *(f"    {text}" for text in _fields(values)), "    },"]
 

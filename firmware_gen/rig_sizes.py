@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,6 +11,9 @@ from controller.registers import registers
 from controller.rig import Rig
 from controller.schedule import schedule_of
 from firmware_gen.rig_rows import table_blocks
+
+PROTOCOLS: Final = {"dynamixel-2.0": "SV_DYNAMIXEL2", "feetech-sts": "SV_FEETECH_STS"}
+"""Protocols that the firmware speaks, by their names in rig files and in C."""
 
 _SHARED: Final = {
     "input": "inputs of a program",
@@ -27,7 +30,6 @@ _FIRMWARE: Final = {
     "block": "bytes of the longest block that is read at once",
     "frame": "bytes of the longest packet, stuffing included",
 }
-
 
 _EXTRA: Final = 7
 """`SV_EXTRA_MAX` of `runtime/sv_bus_late.h`: bytes more than wanted that the bus may ask for."""
@@ -90,22 +92,31 @@ def sizes_of(rig: Rig, controller: Controller) -> Sizes:
     )
 
 
-def sizes_files(sizes: Sizes) -> dict[str, str]:
-    """Write the headers that hold the sizes.
+def sizes_files(sizes: Sizes, rig: Rig, fast_sync_read: bool = False) -> dict[str, str]:
+    """Write the headers that hold the sizes, and what kind of rig it is.
 
     Args:
         sizes: the sizes
+        rig: the rig
+        fast_sync_read: whether one status packet answers for all servos
 
     Returns:
         name => text of `sv_sizes.h`, which all code shares, and of `sv_rig_sizes.h`, which is the firmware's
     """
+    kinds = [
+        "// what is known of the rig costs no code for the other cases",
+        f"#define SV_PROTOCOL(rig) ((void)(rig), {PROTOCOLS[rig.bus.protocol]})",
+        f"#define SV_VELOCITY_MODE(rig) ((void)(rig), {int(rig.joints[0].mode == 'velocity')})",
+        f"#define SV_FAST_SYNC_READ(rig) ((void)(rig), {int(fast_sync_read)})",
+        "",
+    ]
     return {
-        "sv_sizes.h": _header("SV_SIZES_H_", sizes, _SHARED),
-        "sv_rig_sizes.h": _header("SV_RIG_SIZES_H_", sizes, _FIRMWARE),
+        "sv_sizes.h": _header("SV_SIZES_H_", sizes, _SHARED, []),
+        "sv_rig_sizes.h": _header("SV_RIG_SIZES_H_", sizes, _FIRMWARE, kinds),
     }
 
 
-def _header(guard: str, sizes: Sizes, comments: Mapping[str, str]) -> str:
+def _header(guard: str, sizes: Sizes, comments: Mapping[str, str], kinds: Sequence[str]) -> str:
     lines = [f"#define SV_{name.upper()}_MAX {getattr(sizes, name)}" for name in comments]
     width = max(map(len, lines)) + 2
     return "\n".join(
@@ -118,6 +129,7 @@ def _header(guard: str, sizes: Sizes, comments: Mapping[str, str]) -> str:
             "",
             *(f"{line:<{width}}// {comment}" for line, comment in zip(lines, comments.values(), strict=True)),
             "",
+            *kinds,
             f"#endif  // {guard}",
             "",
         ]

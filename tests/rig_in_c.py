@@ -125,7 +125,7 @@ def rig_in_c(folder, rig, controller):
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "rig.c").write_text(rig_source(rig, controller))
     (folder / "rig.h").write_text(rig_header(rig, make_unit(controller, "unit")))
-    for name, text in sizes_files(sizes_of(rig, controller)).items():
+    for name, text in sizes_files(sizes_of(rig, controller), rig).items():
         (folder / name).write_text(text)
     # the sizes of this rig, the structures of all
     paths = [f"-I{path}" for path in (folder, RUNTIME, RUNTIME_TABLE.parent)]

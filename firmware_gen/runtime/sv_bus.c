@@ -13,7 +13,7 @@
 
 // questions
 
-static int32_t sv_is_dynamixel(const sv_rig* rig) { return rig->protocol == SV_DYNAMIXEL2; }
+static int32_t sv_is_dynamixel(const sv_rig* rig) { return SV_PROTOCOL(rig) == SV_DYNAMIXEL2; }
 
 // Return where a frame's parameters begin. What puts some there returns where the next go.
 static int32_t sv_parameters(const sv_rig* rig) {
@@ -218,7 +218,7 @@ static uint32_t sv_sync_read_fast(sv_bus* bus, int32_t address, int32_t size, sv
 
 void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
   uint32_t joints = sv_all(bus);
-  if (bus->rig->fast_sync_read && bus->whole) {
+  if (SV_FAST_SYNC_READ(bus->rig) && bus->whole) {
     joints = sv_sync_read_fast(bus, address, size, replies, data);
   }
   if (joints != 0) {

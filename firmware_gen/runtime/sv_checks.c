@@ -73,7 +73,7 @@ static int32_t sv_is_there(sv_robot* robot, sv_findings* findings, int32_t joint
 
 // Return how long an answer took beyond what line and servo need [us].
 static int32_t sv_waited_us(const sv_rig* rig, const sv_reply* reply, int64_t asked_us, int32_t size) {
-  const uint32_t around = rig->protocol == SV_DYNAMIXEL2 ? 22U : 12U;  // of question and answer
+  const uint32_t around = SV_PROTOCOL(rig) == SV_DYNAMIXEL2 ? 22U : 12U;  // of question and answer
   const uint32_t line_us = (around + (uint32_t)size) * 10000000U / (uint32_t)rig->baud;
   return (int32_t)(reply->t_us - asked_us) - SV_DELAY_US_MAX - (int32_t)line_us;
 }

@@ -11,8 +11,8 @@ static const float kMicro = 1.0e-6F;
 // Return in how many periods at the least the rig is in neutral; a speed has its own end.
 static int32_t sv_plan(sv_robot* robot) {
   const sv_rig* rig = robot->rig;
-  int32_t nmove = rig->velocity_mode ? 1 : 0;
-  for (int32_t i = 0; i < rig->njoint && !rig->velocity_mode; i++) {
+  int32_t nmove = SV_VELOCITY_MODE(rig) ? 1 : 0;
+  for (int32_t i = 0; i < rig->njoint && !SV_VELOCITY_MODE(rig); i++) {
     const sv_axis axis = sv_axis_of(rig->joints + i);
     const float step = rig->safety.homing_rad_s * ((float)rig->period_us * kMicro);
     const int32_t periods = sv_homing_periods(&axis, robot->goals[i], rig->joints[i].neutral, step);
@@ -25,7 +25,7 @@ static int32_t sv_plan(sv_robot* robot) {
 void sv_home_goals(const sv_robot* robot, int32_t k, int32_t* goals) {
   const sv_rig* rig = robot->rig;
   for (int32_t i = 0; i < rig->njoint; i++) {
-    if (rig->velocity_mode) {
+    if (SV_VELOCITY_MODE(rig)) {
       const sv_axis axis = sv_axis_of(rig->joints + i);
       goals[i] = sv_homing_speed(&axis, robot->raw[i], rig->safety.homing_rad_s);
     } else {
@@ -43,7 +43,7 @@ static int32_t sv_at_rest(const sv_robot* robot) {
       return 0;
     }
     const sv_axis axis = sv_axis_of(joint);
-    if (rig->velocity_mode && !sv_homing_near(&axis, robot->raw[i])) {
+    if (SV_VELOCITY_MODE(rig) && !sv_homing_near(&axis, robot->raw[i])) {
       return 0;
     }
   }

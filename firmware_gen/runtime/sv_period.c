@@ -136,7 +136,7 @@ static int32_t sv_alerts(sv_robot* robot) {
 static int32_t sv_tracking(sv_robot* robot) {
   const sv_rig* rig = robot->rig;
   const int64_t now_us = sv_hal_now_us();
-  return rig->velocity_mode
+  return SV_VELOCITY_MODE(rig)
              ? sv_judge_speeds(rig, &robot->watch, now_us, robot->goals, robot->raw + rig->njoint, robot->raw)
              : sv_judge_tracking(rig, &robot->watch, now_us, robot->goals, robot->raw);
 }
@@ -174,7 +174,7 @@ static int32_t sv_judge_period(sv_robot* robot) {
 // Take a last look at limits and rate, which those who aim should have kept.
 static int32_t sv_refuse(sv_robot* robot, const int32_t* goals) {
   const sv_rig* rig = robot->rig;
-  const float homing = rig->velocity_mode ? 0.0F : rig->safety.homing_rad_s;
+  const float homing = SV_VELOCITY_MODE(rig) ? 0.0F : rig->safety.homing_rad_s;
   const float rate = robot->state == SV_STATE_RUNNING ? rig->slew_rad_s : homing;
   for (int32_t i = 0; i < rig->njoint; i++) {
     const sv_joint* joint = rig->joints + i;
@@ -182,10 +182,10 @@ static int32_t sv_refuse(sv_robot* robot, const int32_t* goals) {
     if (goals[i] < joint->goal_low || goals[i] > joint->goal_high) {
       return sv_because(&robot->watch, SV_REASON_LIMIT, i, goals[i], 0);
     }
-    if (rig->velocity_mode && !joint->unlimited && (goals[i] == 0 || last == 0)) {
+    if (SV_VELOCITY_MODE(rig) && !joint->unlimited && (goals[i] == 0 || last == 0)) {
       continue;  // near an end of its travel a joint is stopped at once, and let go at once
     }
-    const float scale = rig->velocity_mode ? joint->speed_scale : joint->angle_scale;
+    const float scale = SV_VELOCITY_MODE(rig) ? joint->speed_scale : joint->angle_scale;
     const float unit = scale < 0.0F ? -scale : scale;
     const float step = (float)(goals[i] < last ? last - goals[i] : goals[i] - last) * unit;
     const float allowed = rate * ((float)rig->period_us * 1.0e-6F) + unit;
@@ -202,7 +202,7 @@ static void sv_write_goals(sv_robot* robot, const sv_block* block, const int32_t
   const sv_rig* rig = robot->rig;
   for (int32_t i = 0; i < rig->njoint; i++) {
     robot->goals[i] = goals[i];
-    if (rig->velocity_mode) {
+    if (SV_VELOCITY_MODE(rig)) {
       const sv_axis axis = sv_axis_of(rig->joints + i);
       robot->goals[i] = sv_speed_inside(&axis, robot->raw[i], goals[i], sv_joint_age_us(robot, i), rig->period_us);
     }
@@ -235,7 +235,8 @@ static int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_bl
   }
   sv_log_block(robot, SV_RECORD_HEALTH, number, block, data);
   // elsewhere each reply tells a hardware error, and it comes and goes with its cause
-  if (robot->rig->protocol == SV_DYNAMIXEL2 && sv_in_block(block, data, &joint->hardware_error, &count) && count != 0) {
+  if (SV_PROTOCOL(robot->rig) == SV_DYNAMIXEL2 && sv_in_block(block, data, &joint->hardware_error, &count) &&
+      count != 0) {
     return sv_judge_hardware_error(robot->rig, &robot->watch, number, count,
                                    sv_ask(robot, number, &joint->shutdown, 1, -1));
   }

@@ -42,7 +42,7 @@ static void sv_control(sv_robot* robot) {
   sv_period done;
   sv_cycle_reset(robot->rig->cycle, &robot->cycle, robot->registers, robot->memory);
   // the cycle's slew starts at rest, at whatever speed homing ended
-  for (int32_t i = 0; i < robot->rig->njoint && robot->rig->velocity_mode; i++) {
+  for (int32_t i = 0; i < robot->rig->njoint && SV_VELOCITY_MODE(robot->rig); i++) {
     robot->goals[i] = 0;
   }
   sv_enter(robot, SV_STATE_RUNNING, SV_REASON_RESTED);
@@ -183,7 +183,7 @@ static void sv_zero_all(const sv_rig* rig, const sv_register* reg) {
 }
 
 void sv_robot_panic(const sv_rig* rig) {
-  if (rig->velocity_mode) {
+  if (SV_VELOCITY_MODE(rig)) {
     sv_zero_all(rig, &rig->joints[0].goal);
   }
   sv_zero_all(rig, &rig->joints[0].torque);

@@ -51,7 +51,7 @@ int32_t sv_seed_goals(sv_robot* robot) {
   for (int32_t i = 0; i < robot->rig->njoint; i++) {
     const sv_joint* joint = robot->rig->joints + i;
     int32_t goal = 0;
-    if (!robot->rig->velocity_mode && sv_get(robot, i, &joint->position, &goal)) {
+    if (!SV_VELOCITY_MODE(robot->rig) && sv_get(robot, i, &joint->position, &goal)) {
       return 1;
     }
     // of a velocity, both are 0
@@ -110,7 +110,7 @@ static int32_t sv_switch_off(sv_robot* robot, int32_t number) {
       (joint->watchdog.size > 0 && !sv_clear(robot, number, &joint->watchdog))) {
     return 0;
   }
-  if (!robot->rig->velocity_mode) {
+  if (!SV_VELOCITY_MODE(robot->rig)) {
     return 1;
   }
   // a goal may have switched it on
@@ -122,7 +122,7 @@ uint32_t sv_release(sv_robot* robot) {
   const int64_t until_us = sv_hal_now_us() + SV_RELEASE_US_MAX;
   const int64_t usual_us = robot->bus.patience_us;
   uint32_t left = (1U << rig->njoint) - 1U;
-  if (rig->velocity_mode) {
+  if (SV_VELOCITY_MODE(rig)) {
     sv_clear_all(robot, &rig->joints[0].goal);
   }
   sv_clear_all(robot, &rig->joints[0].torque);
@@ -146,7 +146,7 @@ int32_t sv_hold(sv_robot* robot) {
   for (int32_t i = 0; i < robot->rig->njoint; i++) {
     const sv_joint* joint = robot->rig->joints + i;
     int32_t torque = 0;
-    if ((robot->rig->velocity_mode && sv_set(robot, i, &joint->goal, 0)) ||
+    if ((SV_VELOCITY_MODE(robot->rig) && sv_set(robot, i, &joint->goal, 0)) ||
         (joint->watchdog.size > 0 && sv_set(robot, i, &joint->watchdog, 0)) ||
         sv_get(robot, i, &joint->torque, &torque) || sv_judge_torque(&robot->watch, i, torque == 1)) {
       return 1;
