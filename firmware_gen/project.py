@@ -93,7 +93,7 @@ def make_project(controller: Controller, rig: Rig, board: Board) -> Project:
     for name in SHARED:
         path = CONTROLLER_RUNTIME / name
         files[f"runtime/{name}"] = path.read_text(encoding="utf-8")
-    files |= {f"runtime/{name}": text for name, text in sizes_files(sizes).items()}
+    files |= {f"runtime/{name}": text for name, text in sizes_files(sizes, rig).items()}
     for path in board.files:
         files[f"board/{path.name}"] = path.read_text(encoding="utf-8")
     if board.form == "arduino":
