@@ -79,6 +79,11 @@ def runtime(tmp_path_factory):
     return library
 
 
+def buffer(size):
+    """Return room for bytes that C writes."""
+    return ctypes.create_string_buffer(size)
+
+
 class Runtime:
     """Hold one bus master and one line reader.
 

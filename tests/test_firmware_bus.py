@@ -1,14 +1,16 @@
 """The firmware's bus master: the same questions at the same times as the host's, and the same sense of any answer."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 import runtime_shim
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from runtime_shim import Bus, Said
-from scripted_port import ScriptedPort
+from runtime_shim import Bus
+from two_masters import HostBus, HostPort, Line
 
+from controller import load_rig, registers
+from controller.register import decode_register, encode_register
 from deploy.dynamixel_bus import DynamixelBus
 from deploy.feetech_bus import FeetechBus
 from deploy.virtual import dynamixel2 as dxl
@@ -20,118 +22,9 @@ HOSTS = {"dynamixel-2.0": DynamixelBus, "feetech-sts": FeetechBus}
 IDS = (1, 2, 5)
 PATIENCE_US = 2000
 BROADCAST = 0xFE
+POSITION = registers(load_rig("lamp-sts3215").joints[0].product)["present_position"]
 
 both = pytest.mark.parametrize("protocol", HOSTS)
-
-
-# two ends of a scripted line: the firmware's in whole microseconds, the host's in seconds
-
-
-class Line:
-    """The other end of the firmware's line, and time that only waiting moves."""
-
-    def __init__(self, answer):
-        self.now_us = 0
-        self.answer = answer
-        self.asked = []
-        self._coming = []
-        self._waiting = b""
-
-    def send(self, frame):
-        self.asked.append((self.now_us, frame))
-        self._coming = sorted(self._coming + [(self.now_us + delay, data) for delay, data in self.answer(frame)])
-        return len(frame)
-
-    def wait(self, until_us):
-        if self._waiting:
-            return
-        if not self._coming or self._coming[0][0] > until_us:
-            self.now_us = max(self.now_us, until_us)
-            return
-        at, data = self._coming.pop(0)
-        self.now_us = max(self.now_us, at)
-        self._waiting += data
-
-    def take(self, size):
-        taken, self._waiting = self._waiting[:size], self._waiting[size:]
-        return taken
-
-    def rest(self, us):
-        """Let time pass; what comes then waits."""
-        self.now_us += us
-        while self._coming and self._coming[0][0] <= self.now_us:
-            self._waiting += self._coming.pop(0)[1]
-
-
-class HostPort(ScriptedPort):
-    """The host's port with the same script, its time held to whole microseconds."""
-
-    def __init__(self, answer):
-        super().__init__(answer)
-        self.latency_s = 1e-6 * PATIENCE_US
-        self.asked = []
-
-    def wait(self, deadline):
-        while not self.waiting():
-            if not self.coming or self.coming[0][0] > _us(deadline):
-                self.time = max(self.time, 1e-6 * _us(deadline), deadline)
-                return False
-            at, data = self.coming.pop(0)
-            self.time = 1e-6 * max(_us(self.time), at)
-            self.line.write_through(data)
-        return True
-
-    def writePort(self, packet):  # noqa: N802
-        now_us, answer, coming = _us(self.time), self.answer, self.coming
-        self.answer, self.coming = lambda _: [], []
-        count = super().writePort(packet)
-        self.answer, frame = answer, self.sent_frames[-1]
-        self.asked.append((now_us, frame))
-        self.coming = sorted(coming + [(now_us + delay, data) for delay, data in answer(frame)])
-        return count
-
-    def rest(self, us):
-        """Let time pass; what comes then waits."""
-        self.time = 1e-6 * (_us(self.time) + us)
-        while self.coming and self.coming[0][0] <= _us(self.time):
-            self.line.write_through(self.coming.pop(0)[1])
-
-
-class HostBus:
-    """The host's bus, to be driven like the firmware's."""
-
-    def __init__(self, bus, ids):
-        self.bus = bus
-        self.ids = ids
-
-    @property
-    def strays(self):
-        return self.bus.port.strays
-
-    def ping(self, servo):
-        reply, model = self.bus.ping(servo)
-        return _said(reply)._replace(data=b""), model
-
-    def read(self, *question):
-        return _said(self.bus.read(*question))
-
-    def write(self, *question):
-        return _said(self.bus.write(*question))
-
-    def sync_read(self, *question):
-        return {servo: _said(reply) for servo, reply in self.bus.sync_read(self.ids, *question).items()}
-
-    def sync_write(self, address, data):
-        size = len(data) // len(self.ids)
-        self.bus.sync_write(address, {servo: data[n * size :][:size] for n, servo in enumerate(self.ids)})
-
-
-def _us(seconds):
-    return round(1e6 * seconds)
-
-
-def _said(reply):
-    return Said(reply.status, reply.data, reply.error, reply.alert, reply.late, _us(reply.t))
 
 
 # any answers
@@ -247,7 +140,7 @@ def _assert_same(runtime, protocol, questions, answers):
         return lambda frame: next(left, Answer()).pieces(protocol, frame)
 
     line = Line(replier())
-    port = HostPort(replier())
+    port = HostPort(replier(), PATIENCE_US)
     try:
         host = _play(HostBus(HOSTS[protocol](port), IDS), port, questions)
         told = _play(Bus(runtime, line, protocol, IDS, patience_us=PATIENCE_US), line, questions)
@@ -270,3 +163,117 @@ def test_sound_answers_are_heard_as_the_host_hears_them(runtime, protocol, quest
 @settings(max_examples=250)
 def test_any_bytes_are_heard_as_the_host_hears_them(runtime, protocol, questions, answers):
     _assert_same(runtime, protocol, questions, answers)
+
+
+# the manuals' frames
+
+
+def _frames(runtime, protocol, ids, ask):
+    line = Line(lambda _: [])
+    ask(Bus(runtime, line, protocol, ids))
+    return [frame for _, frame in line.asked]
+
+
+@pytest.mark.parametrize(
+    ("protocol", "ids", "ask", "frame"),
+    [
+        ("dynamixel-2.0", [1], lambda bus: bus.ping(1), "FFFFFD00 01 0300 01 194E"),
+        ("dynamixel-2.0", [1], lambda bus: bus.read(1, 132, 4), "FFFFFD00 01 0700 02 8400 0400 1D15"),
+        (
+            "dynamixel-2.0",
+            [1],
+            lambda bus: bus.write(1, 116, b"\0\2\0\0"),
+            "FFFFFD00 01 0900 03 7400 00020000 CA89",
+        ),
+        ("dynamixel-2.0", [1, 2], lambda bus: bus.sync_read(132, 4), "FFFFFD00 FE 0900 82 8400 0400 01 02 CEFA"),
+        (
+            "dynamixel-2.0",
+            [1, 2],
+            lambda bus: bus.sync_write(116, bytes.fromhex("96000000AA000000")),
+            "FFFFFD00 FE 1100 83 7400 0400 01 96000000 02 AA000000 8287",
+        ),
+        ("feetech-sts", [1], lambda bus: bus.ping(1), "FFFF 01 02 01 FB"),
+        ("feetech-sts", [1], lambda bus: bus.read(1, 43, 1), "FFFF 01 04 02 2B 01 CC"),
+        ("feetech-sts", [11, 12], lambda bus: bus.sync_read(30, 2), "FFFF FE 06 82 1E 02 0B 0C 42"),
+        (
+            "feetech-sts",
+            [0, 1],
+            lambda bus: bus.sync_write(30, bytes.fromhex("1000500120026003")),
+            "FFFF FE 0E 83 1E 04 00 10 00 50 01 01 20 02 60 03 67",
+        ),
+    ],
+)
+def test_what_is_sent_is_the_manuals(runtime, protocol, ids, ask, frame):
+    assert _frames(runtime, protocol, ids, ask)[0] == bytes.fromhex(frame)
+
+
+@pytest.mark.parametrize(
+    ("protocol", "ask", "frame", "said"),
+    [
+        ("dynamixel-2.0", lambda bus: bus.ping(1), "FFFFFD00 01 0700 55 00 0604 26 655D", ("data", b"", 1030)),
+        (
+            "dynamixel-2.0",
+            lambda bus: (bus.read(1, 132, 4), None),
+            "FFFFFD00 01 0800 55 00 A6000000 8CC0",
+            ("data", b"\xa6\0\0\0", None),
+        ),
+        (
+            "dynamixel-2.0",
+            lambda bus: (bus.write(1, 116, b"\0\2\0\0"), None),
+            "FFFFFD00 01 0400 55 00 A10C",
+            ("data", b"", None),
+        ),
+        ("feetech-sts", lambda bus: (bus.read(1, 43, 1), None), "FFFF 01 03 00 20 DB", ("data", b"\x20", None)),
+        ("feetech-sts", lambda bus: (bus.write(1, 40, b"\0"), None), "FFFF 01 02 00 FC", ("data", b"", None)),
+    ],
+)
+def test_what_the_manuals_servos_answer_is_heard(runtime, protocol, ask, frame, said):
+    reply, model = ask(Bus(runtime, Line(lambda _: [(50, bytes.fromhex(frame))]), protocol, [1]))
+    assert (reply.status, reply.data, model) == said
+
+
+def test_a_packet_that_would_not_fit_is_not_sent(runtime):
+    for protocol in HOSTS:
+        line = Line(lambda _: [])
+        reply = Bus(runtime, line, protocol, [1]).write(1, 0, bytes(300))
+        assert (reply.status, reply.t_us, line.asked) == ("missing", 0, [])
+
+
+# registers
+
+
+@pytest.mark.parametrize("rig", ["lamp-xc330", "lamp-sts3215"])
+def test_registers_are_coded_as_the_hosts(runtime, rig):
+    for register in registers(load_rig(rig).joints[0].product).values():
+        size, encoding = register.size, runtime_shim.ENCODINGS[register.encoding]
+        counts = (register.low, register.high, -1, 0, 1, 77, 255)
+        for count in (count for count in counts if register.low <= count <= min(register.high, 2**31 - 1)):
+            data = encode_register(register, count)
+            room = runtime_shim.buffer(size)
+            runtime.shim_encode(size, encoding, count, room)
+            assert (room.raw, runtime.shim_decode(size, encoding, data)) == (data, count), register.name
+
+
+@given(
+    size=st.sampled_from([1, 2, 4]), encoding=st.sampled_from(list(runtime_shim.ENCODINGS)), data=st.binary(min_size=4)
+)
+def test_any_bytes_of_a_register_are_read_as_the_host_reads_them(runtime, size, encoding, data):
+    register = replace(POSITION, size=size, encoding=encoding)
+    want = decode_register(register, data[:size])
+    assert runtime.shim_decode(size, runtime_shim.ENCODINGS[encoding], data) == min(want, 2**31 - 1)
+
+
+@pytest.mark.parametrize(
+    ("size", "encoding", "count", "held"),
+    [
+        (1, "unsigned", 256, 255),
+        (2, "unsigned", -1, 0),
+        (2, "twos", 40000, 32767),
+        (2, "sign15", -32768, -32767),
+        (2, "sign10", 1024, 1023),
+    ],
+)
+def test_what_a_register_can_not_hold_becomes_the_nearest_that_it_can(runtime, size, encoding, count, held):
+    room = runtime_shim.buffer(size)
+    runtime.shim_encode(size, runtime_shim.ENCODINGS[encoding], count, room)
+    assert runtime.shim_decode(size, runtime_shim.ENCODINGS[encoding], room) == held

@@ -12,7 +12,7 @@
 #define SV_ID_MAX2 0xFC
 #define SV_ALERT2 0x80
 
-static int32_t sv_is_dynamixel(const sv_bus* bus) { return bus->rig->protocol == SV_DYNAMIXEL2; }
+static int32_t sv_is_dynamixel(const sv_bus* bus) { return SV_PROTOCOL(bus->rig) == SV_DYNAMIXEL2; }
 
 sv_reply sv_bus_no_reply(sv_reply_status status) {
   const sv_reply reply = {(uint8_t)status, 0, 0, 0, 0, sv_hal_now_us()};
@@ -123,7 +123,9 @@ static uint32_t sv_collect(sv_bus* bus, const sv_asked* asked, int32_t wanted, s
   // replies come in the order of the question: who has not answered before the last one will not
   while ((answered >> last & 1U) == 0) {
     sv_scan scan;
-    const int32_t result = sv_next_packet(bus, SV_ID_MAX2, &scan);
+    // an answer to a fast sync read that comes late is whole, and nobody's
+    const uint8_t id_max = SV_FAST_SYNC_READ(bus->rig) ? SV_PACKET2_BROADCAST : SV_ID_MAX2;
+    const int32_t result = sv_next_packet(bus, id_max, &scan);
     if (result == SV_SCAN_SHORT) {
       break;
     }
