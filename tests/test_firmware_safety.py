@@ -195,6 +195,37 @@ def test_encoders_that_jump(pair, data):
             return
 
 
+@pytest.mark.parametrize("step_us", [20_000, 61_000])
+def test_every_jump_of_an_encoder(lamp, step_us):
+    seen = [Reply(joint.id, "data", b"1", 0, 0.0) for joint in lamp.rig.joints]
+    by_id = {reply.id: reply for reply in seen}
+    ended = set()
+    for jump in range(0, 1200, 3):
+        lamp.start()
+        for now_us, counts in ((1_000_000, [2048] * 3), (1_000_000 + step_us, [2048, 2048 - jump, 2048])):
+            angles = [joint_angle(joint, count) for joint, count in zip(lamp.rig.joints, counts, strict=True)]
+            said = safety.judge_encoders(lamp.rig, lamp.watch, 1e-6 * now_us, by_id, angles)
+            told = lamp.judges.judge("encoders", c_int64(now_us), replies(seen), counts)
+        ended.add(agree(lamp, said, told, {"has jumped": 40}))
+    assert ended == {False, True}
+
+
+def test_every_speed_of_a_joint_that_is_asked_for_one(jumper):
+    wanted = round(jumper.rig.joints[0].speed_rad_s_max / jumper.rig.joints[0].product.velocity_unit_rad_s)
+    njoint = len(jumper.rig.joints)
+    angles, rest = [0.0] * njoint, [joint.zero_tick for joint in jumper.rig.joints]
+    ended = set()
+    for asked in (wanted, wanted // 5 + 1, wanted // 5 - 1):
+        for done in (speed for speed in range(-asked, asked + 1) if 5 * speed != asked):
+            jumper.start()
+            goals, speeds = [asked] + [0] * (njoint - 1), [done] + [0] * (njoint - 1)
+            for now_us in (1_000_000, 9_000_000):
+                said = safety.judge_speeds(jumper.host_rig, jumper.watch, 1e-6 * now_us, goals, speeds, angles)
+                told = jumper.judges.judge("speeds", c_int64(now_us), goals, speeds, rest)
+            ended.add(agree(jumper, said, told, {"turns at": 43}))
+    assert ended == {False, True}
+
+
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_joints_that_do_not_follow(lamp, data):
