@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from servolve.cli import main
 LAMP = Path(__file__).parent / "golden" / "lamp-hop.controller.toml"
 ARM = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffreestanding")
 BUILT = sorted(path.parent.name for path in BOARDS.glob("*/toolchain.cmake"))
+IMAGES = tomllib.loads((LAMP.parent / "image_sizes.toml").read_text())["image"]
 LISTED = ", ".join(board_names())
 COMPILERS = {"gcc": (), "clang": (), "arm-none-eabi-gcc": ARM}
 
@@ -313,14 +315,18 @@ def test_controllers_with_hostile_names_build(name, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_a_build_reports_sizes_as_binutils_counts_them(tmp_path, capsys):
-    arguments = ("--rig", "lamp-xc330", "--board", "stm32f405", "--out", tmp_path, "--build", "--json")
-    assert firmware(*arguments) == 0
+@pytest.mark.parametrize("board", IMAGES)
+def test_an_image_takes_what_is_on_record_and_its_sizes_are_as_binutils_counts_them(board, tmp_path, capsys):
+    arguments = ("--rig", "lamp-xc330", "--board", board, "--out", tmp_path, "--build", "--json")
+    assert main(["firmware", str(LAMP.with_name("lamp-robust.controller.toml")), *map(str, arguments)]) == 0
     told = json.loads(capsys.readouterr().out)
     counted = shell(f"arm-none-eabi-size {told['image']}", tmp_path).splitlines()[1].split()
     text, data, bss = map(int, counted[:3])
-    assert told["text_bytes"] == text + data
-    assert told["ram_bytes"] == data + bss
+    found = {"text_bytes": text + data, "ram_bytes": data + bss}
+    assert {key: told[key] for key in found} == found
+    above = [f"{key} = {size}" for key, size in found.items() if size > 1.1 * IMAGES[board][key]]
+    assert not above, f"write into tests/golden/image_sizes.toml if that is meant: {above}"
+    assert found["ram_bytes"] <= 4096, "all of it, the stack too"
 
 
 # the page
