@@ -58,7 +58,7 @@ typedef struct {
   uint8_t emergency_stop;
 } sv_lines;
 
-// Start without lines. A rig's lines have no more than SV_MESSAGE_MAX letters; sensors of others are never read.
+// Start without lines. Sensors of letters beyond SV_MESSAGE_MAX are never read.
 void sv_lines_init(sv_lines* lines, const sv_rig* rig);
 
 // Take n bytes that the sensor line gave.
