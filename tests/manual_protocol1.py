@@ -89,6 +89,9 @@ class Servo:
         if not item.low <= value <= item.high:
             return RANGE, False
         low, high = memory["cw_angle_limit"], memory["ccw_angle_limit"]
+        if item.name == "moving_speed" and value > 1023 and not low == high == 0:
+            # bit 10 is the direction of wheel mode, in which both limits are 0
+            return (None, None) if (low or 0) == (high or 0) == 0 else (RANGE, False)
         if item.name == "goal_position" and not low == high == 0:
             if low is None or high is None:
                 return None, None

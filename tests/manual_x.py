@@ -16,6 +16,7 @@ FAIL, UNKNOWN, CRC, RANGE, LENGTH, LIMIT, ACCESS = 1, 2, 3, 4, 5, 6, 7
 BAUD = {0: 9600, 1: 57600, 2: 115200, 3: 1_000_000, 4: 2_000_000, 5: 3_000_000, 6: 4_000_000, 7: 4_500_000}
 BOOT_S = 1.0  # longer than any servo takes
 WATCHDOG_S, WATCHDOG_SLACK_S, TRIPPED = 0.02, 0.005, 255
+TIME_MS_MAX = 32737  # of a time-based profile, where one by velocity takes 32767
 GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
 MODES = {"xl430-w250": (1, 3, 4, 16)}
 MODES_X = (0, 1, 3, 4, 5, 16)
@@ -130,6 +131,9 @@ class Servo:
                 return found
         if not item.low <= value <= item.high or (item.name == "operating_mode" and value not in self.modes):
             return found | {RANGE, LIMIT, FAIL}
+        if item.name in ("profile_velocity", "profile_acceleration") and value > TIME_MS_MAX:
+            drive = memory["drive_mode"]
+            return {0, RANGE, LIMIT, FAIL} if drive is None else {RANGE, LIMIT, FAIL} if drive & 4 else {0}
         if item.name in GOALS:
             watchdog = memory["bus_watchdog"]
             if watchdog == TRIPPED:

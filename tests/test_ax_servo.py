@@ -248,6 +248,9 @@ def test_without_limits_it_is_a_wheel_by_torque():
     bench.write(1, SPEED, *low_high(1 << 10))
     bench.wait(1.0)
     assert abs(bench.motors[0].omega) < 0.1
+    assert bench.write(1, SPEED, *low_high(2047)) == 0
+    assert [bench.write(1, SPEED, *low_high(speed)) for speed in (2048, 3072)] == [RANGE] * 2
+    assert bench.read(1, SPEED, 2) == 2047
     # a goal means nothing to a wheel, the sign of a speed nothing to a joint
     assert bench.write(1, GOAL, *low_high(1000)) == 0
     assert [ax().write(1, SPEED, *low_high(speed | 1 << 10)) for speed in (0, 512)] == [RANGE] * 2

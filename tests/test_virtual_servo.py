@@ -93,6 +93,14 @@ def test_a_write_is_taken_or_refused_with_the_right_error(master, name):
         assert master.read(1, register) == (value if error == 0 else before)
 
 
+@pytest.mark.parametrize("name", ["profile_velocity", "profile_acceleration"])
+def test_a_time_based_profile_takes_less_than_one_by_velocity(master, name):
+    assert [master.write(1, name, value) for value in (32767, 32768)] == [0, dxl.DATA_RANGE_ERROR]
+    assert master.write(1, "drive_mode", 4) == 0
+    assert [master.write(1, name, value) for value in (32737, 32738)] == [0, dxl.DATA_RANGE_ERROR]
+    assert master.read(1, name) == 32737
+
+
 def test_goal_limits_are_those_in_the_table(master):
     assert master.write(1, "max_position_limit", 3000) == 0
     assert master.write(1, "min_position_limit", 1000) == 0

@@ -35,6 +35,7 @@ BAUD_TOLERANCE: Final = 0.03
 
 _USUAL_BAUDS: Final = (9600, 19_200, 57_600, 115_200, 200_000, 250_000, 400_000, 500_000, 1_000_000)
 _FULL: Final = 1023
+_WHEEL_MAX: Final = 2047
 _ADDRESSES: Final = frozenset({"id", "baud_rate", "return_delay_time"})
 _INERT: Final = frozenset({"led", "lock"})
 _COMPLIANCE: Final = ("compliance_margin", "compliance_slope")
@@ -183,10 +184,12 @@ class AxServo(Protocol1Servo):
         if line.name == "lock" and value < self.table["lock"]:
             return ERROR_RANGE
         low, high = (limits.get(name, self.table[name]) for name in ("cw_angle_limit", "ccw_angle_limit"))
-        if low == 0 and high == 0:
+        wheel = low == 0 and high == 0
+        if line.name == "moving_speed":
+            # bit 10 says which way a wheel turns; a joint's goal says that for itself
+            return ERROR_RANGE if int.from_bytes(data, line.byte_order) > (_WHEEL_MAX if wheel else _FULL) else 0
+        if wheel:
             return 0
-        if line.name == "moving_speed" and int.from_bytes(data, line.byte_order) > _FULL:
-            return ERROR_RANGE  # which way to turn is for the goal to say
         return ERROR_ANGLE if line.name == "goal_position" and not low <= value <= high else 0
 
     # time

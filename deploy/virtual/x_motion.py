@@ -23,6 +23,7 @@ GOAL_OF_MODE: Final = {CURRENT: "goal_current", VELOCITY: "goal_velocity", PWM: 
 
 REVERSE: Final = 1
 TIME_BASED: Final = 4
+PROFILE: Final = ("profile_velocity", "profile_acceleration")
 HOMING_OFFSET_MAX: Final = 1024
 """Position mode ignores larger offsets. Source: e-Manual, control_table_homingoffset.md."""
 
