@@ -69,7 +69,7 @@ def _feed_back(unit: Unit) -> list[str]:
         *tables,
         "  int32_t i;",
         f"  for (i = 0; i < {name}_ninput; i++) {{",
-        f"    float y = command[i % {name}_noutput];",
+        f"    float y = command[{f'i % {name}_noutput' if len(unit.controller.outputs) > 1 else '0'}];",
         "    y = y - inputs[i];",
         f"    y = {literal(LOOP_PART)} * y;",
         "    y = inputs[i] + y;",

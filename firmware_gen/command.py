@@ -110,7 +110,8 @@ def _follow(unit: Unit) -> list[str]:
             "  step = target - held;",
             f"  if (step > {literal(limit)}) {{",
             f"    target = held + {literal(limit)};",
-            f"  }} else if (step < {literal(-limit)}) {{",
+            "  }",
+            f"  if (step < {literal(-limit)}) {{",
             f"    target = held - {literal(limit)};",
             "  }",
         ]

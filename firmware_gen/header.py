@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
 from controller import format_source
 from controller.controller import Input, Output
 from controller.decimals import format_decimal
-from firmware_gen.names import mangle
+from firmware_gen.names import comment_text, mangle
 from firmware_gen.unit import GENERATOR_VERSION, Unit
 from firmware_gen.vectors import STEPS_HARD, STEPS_LOOP, STEPS_USUAL
 
@@ -68,7 +66,7 @@ def opening_comment(unit: Unit) -> list[str]:
     return [
         f"// {unit.name}: a robot controller, written by servolve transpile; do not edit.",
         "//",
-        f"//   controller  {unit.controller.name}",
+        f"//   controller  {comment_text(unit.controller.name)}",
         f"//   program     {unit.program_hash}",
         f"//   generator   {GENERATOR_VERSION}",
     ]
@@ -87,7 +85,7 @@ def _manual(unit: Unit) -> list[str]:
     name = unit.name
     step_words = len(unit.controller.inputs) + 3 * len(unit.controller.outputs)
     table_bytes = 4 * ((STEPS_USUAL + STEPS_HARD) * step_words + STEPS_LOOP * len(unit.controller.outputs))
-    program = [f"//   {line}" for line in format_source(unit.controller.source).splitlines()]
+    program = [f"//   {comment_text(line)}" for line in format_source(unit.controller.source).splitlines()]
     return [
         f"//   period      {_number(unit.controller.period_s)} s",
         f"//   filter      {_filter(unit)}",
@@ -122,14 +120,13 @@ def _enumeration(unit: Unit, kind: str, comments: list[str]) -> list[str]:
 
 
 def _input_comment(terminal: Input) -> str:
-    return f"{_plain(terminal.unit)}, expected {_number(terminal.low)} to {_number(terminal.high)}"
+    return f"{comment_text(terminal.unit)}, expected {_number(terminal.low)} to {_number(terminal.high)}"
 
 
 def _output_comment(output: Output) -> str:
-    return (
-        f"{_plain(output.kind)} in {_plain(output.unit)}, clamped to {_number(output.low)} to {_number(output.high)}, "
-        f"{_number(output.neutral)} for a NaN"
-    )
+    what = f"{comment_text(output.kind)} in {comment_text(output.unit)}"
+    limits = f"{_number(output.low)} to {_number(output.high)}"
+    return f"{what}, clamped to {limits}, {_number(output.neutral)} for a NaN"
 
 
 def _filter(unit: Unit) -> str:
@@ -181,7 +178,3 @@ def _functions(unit: Unit) -> list[str]:
 
 def _number(value: float) -> str:
     return format_decimal(np.float32(value))
-
-
-def _plain(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9/*^%. -]", "?", text)

@@ -12,6 +12,8 @@ IDENTIFIER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}", re.ASCII)
 
 _ESCAPED: Final = re.compile(r"[^A-Za-z0-9_]|_(?=x)", re.ASCII)
 _SEPARATOR: Final = re.compile(r"(?<=_)([io])(?=(?:nput|utput)(?:_|$))", re.ASCII)
+_NOT_IN_COMMENT: Final = re.compile(r"[^A-Za-z0-9_()+*/%^.,:;=<> -]", re.ASCII)
+_COMMENT_MARK: Final = re.compile(r"/(?=[/*])|\*(?=/)")
 _HEADERS: Final = frozenset(
     {
         "assert",
@@ -99,6 +101,15 @@ def unit_name(name: str) -> str:
         letters, digits and underscores
     """
     return _SEPARATOR.sub(lambda match: f"x{ord(match.group()):02X}_", mangle(name))
+
+
+def comment_text(text: str) -> str:
+    """Return a text that can end no comment and begin none, and continues no line: other characters become ``_``.
+
+    Args:
+        text: whatever a controller calls something
+    """
+    return _COMMENT_MARK.sub("_", _NOT_IN_COMMENT.sub("_", text))
 
 
 def local_prefix(unit: str) -> str:

@@ -8,7 +8,7 @@ from controller.decimals import format_decimal
 from controller.operations import BY_OPCODE
 from firmware_gen.command import clamp_lines, command_lines, init_lines
 from firmware_gen.header import input_dimension, opening_comment
-from firmware_gen.names import mangle
+from firmware_gen.names import comment_text, mangle
 from firmware_gen.selftest import selftest_lines
 from firmware_gen.unit import GENERATOR_VERSION, Unit, operands_of, register_texts
 from firmware_gen.vectors import selftest_vectors
@@ -79,8 +79,8 @@ def _step(unit: Unit) -> list[str]:
         lines.append("  (void)state;")
     if not used & set(range(len(program.inputs))):
         lines.append("  (void)inputs;")
-    for i, (expression, comment) in enumerate(zip(unit.expressions, _comments(unit), strict=True)):
-        lines.append(f"  const float v{i} = {expression};  // {comment}")
+    for i, (expression, comment) in enumerate(zip(unit.expressions, source_expressions(unit), strict=True)):
+        lines.append(f"  const float v{i} = {expression};  // {comment_text(comment)}")
         if first_result + i not in used:
             lines.append(f"  (void)v{i};")
     lines += [
@@ -90,8 +90,15 @@ def _step(unit: Unit) -> list[str]:
     return [*lines, "}", ""]
 
 
-def _comments(unit: Unit) -> list[str]:
-    """Return the source expression of each instruction, parts that are too long called by their variables."""
+def source_expressions(unit: Unit) -> list[str]:
+    """Return the source expression of each instruction, parts that are too long called by their variables.
+
+    Args:
+        unit: the controller and its names
+
+    Returns:
+        (ninstruction,)
+    """
     program = unit.controller.program
     texts = [*program.inputs, *(format_decimal(value) for value in program.constants)]
     comments = []

@@ -230,7 +230,7 @@ def _road(stages: _Stages, out: Path, goal_m: float) -> dict[str, Any]:
     """Take the controller from C to the rig and back; return what each command said."""
     best, log, weak_log = out / "best.controller.toml", out / "rig.mcap", out / "rig-weak-torque.mcap"
     stages.head("Transpile it to C, and compare that with the virtual machine")
-    transpiled = stages.ask("transpile", best, "--out", out, "--name", "lamp", "--check")
+    transpiled = stages.ask("transpile", best, "--out", out, "--name", "lamp", "--check", "--force")
 
     stages.head(f"Simulate it, to a goal that evolution has not seen: {100 * goal_m:.1f} cm")
     simulated = stages.ask(

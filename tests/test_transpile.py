@@ -562,13 +562,24 @@ def test_a_compiler_error_is_one_sentence():
 def test_the_report_states_sizes_and_counts(tmp_path):
     text = write_report(transpile(SHAPES["everything"], tmp_path, "everything")).read_text()
     assert "| `osc-wave` | 1 |" in text
-    code = int(re.search(r"(\d+) bytes of code", text)[1])
-    assert 500 < code < 100_000
-    assert "0 bytes of writable data" in text
-    step = re.search(r"\| `everything_step` \| (\d+) \| (\d+) \|", text)
-    assert 0 < int(step[1]) <= code
+    assert "| `j2` | deg | unbounded, or NaN | -50 to 50 |" not in text
+    assert "| `j0` | deg | " in text and "may give" in text
     program = SHAPES["everything"].program
     assert f"| all | {len(program.instructions)} |" in text
+    sections = text.split("\n## ")
+    for name in ("Cortex-M4F", "Cortex-M0"):
+        section = next(section for section in sections if section.startswith(name))
+        assert section.count("0 bytes of writable data") == 2 and "refused" not in section
+        for row in re.findall(r"^\| `(?:init|step|clamp|command)` \| (.*) \|$", section, re.M):
+            code, stack, instructions, *cycles = map(int, row.split(" | "))
+            assert 0 < code < 10_000 and 0 <= stack < 400
+            assert 0 < instructions <= min(cycles)
+        assert re.search(r"at \d+ MHz \|.* µs \| .* µs", section)
+    here = sections[-1]
+    assert here.startswith("This machine") and "0 bytes of writable data" in here
+    code = int(re.search(r"(\d+) bytes of code", here)[1])
+    step = re.search(r"\| `everything_step` \| (\d+) \| (\d+) \|", here)
+    assert 0 < int(step[1]) <= code
 
 
 def test_the_fingerprint_depends_on_more_than_the_program():

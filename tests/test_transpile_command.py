@@ -49,6 +49,8 @@ def test_check_prints_a_table(tmp_path, capsys):
     out = capsys.readouterr().out
     for build in ("gcc -O0", "gcc -O3", "clang -O0", "clang -O3"):
         assert build in out
+    for tool in ("gcc -fanalyzer", "clang-tidy", "cppcheck", "Frama-C"):
+        assert tool in out
 
 
 def test_check_fails_with_a_compiler_that_gets_a_constant_wrong(tmp_path, capsys, monkeypatch):
@@ -95,13 +97,50 @@ def test_without_any_compiler_check_says_what_to_install(tmp_path, capsys, monke
     assert "install one: apt-get install gcc" in capsys.readouterr().err
     report = (tmp_path / "c" / "figure7.report.md").read_text()
     assert "Not measured: there is no cc here." in report
+    assert "Not measured: there is no arm-none-eabi-gcc here." in report
 
 
 def test_a_report_that_can_not_be_written_is_one_sentence(tmp_path, capsys):
     (tmp_path / "figure7.report.md").mkdir()
-    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path)]) == 2
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path), "--force"]) == 2
     error = capsys.readouterr().err
     assert "figure7.report.md: Is a directory; choose" in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize("other", ["notes.txt", "figure7.c", "figure7.report.md", "sub/deep.txt", "link"])
+def test_a_folder_with_other_files_is_left_alone(other, tmp_path, capsys):
+    folder = tmp_path / "c"
+    (folder / other).parent.mkdir(parents=True)
+    if other == "link":
+        (folder / other).symlink_to(FIGURE7)
+    else:
+        (folder / other).write_text("int mine;\n")
+    assert main(["transpile", str(FIGURE7), "--out", str(folder)]) == 2
+    error = capsys.readouterr().err
+    assert f"holds '{other.partition('/')[0]}', not written by servolve" in error
+    assert "--force" in error and error.count("\n") == 1
+    assert [path.name for path in folder.iterdir()] == [other.partition("/")[0]]
+    if other != "link":
+        assert (folder / other).read_text() == "int mine;\n"
+    assert main(["transpile", str(FIGURE7), "--out", str(folder), "--force"]) == 0
+    assert "do not edit" in (folder / "figure7.c").read_text()
+    if other in ("notes.txt", "sub/deep.txt"):
+        assert (folder / other).read_text() == "int mine;\n"
+
+
+def test_what_servolve_wrote_is_written_again(tmp_path):
+    for name in ("one", "one", "two"):
+        assert main(["transpile", str(FIGURE7), "--out", str(tmp_path), "--name", name]) == 0
+    assert len(list(tmp_path.iterdir())) == 6
+
+
+def test_check_tells_what_tools_find(tmp_path, capsys):
+    assert main(["transpile", str(FIGURE7), "--out", str(tmp_path), "--check", "--json"]) == 0
+    rows = {row["tool"]: row for row in json.loads(capsys.readouterr().out.splitlines()[-1])["static"]}
+    assert rows["cppcheck, MISRA C:2012"]["findings"] == rows["clang-tidy"]["findings"] == 0
+    # (% a1 t) and its like: where it divides by nearly nothing, a value is infinite
+    infinite = rows["Frama-C EVA, infinities and NaNs"]
+    assert infinite["findings"] or infinite["version"] == "not installed: apt-get install frama-c-base"
 
 
 def test_a_folder_whose_name_is_no_utf_8_is_written_to(tmp_path):
