@@ -103,24 +103,29 @@ class Bench:
         return goals
 
     def torque_read_back(self):
-        """Return every servo's torque as the vendor's own client reads it, once nothing is wrong any more."""
-        self.virtual.set_faults([])
-        self.virtual.advance(self.virtual.now + 1.0)
-        self.virtual.replies_until(self.virtual.now)  # what was late is over
-        kind, version = self.rig.bus.protocol.split("-")
-        sdk = scservo_sdk.PacketHandler(0) if kind == "feetech" else dynamixel_sdk.PacketHandler(float(version))
-        read = {}
-        with LockstepBench(self.virtual) as bench:
-            port = LockstepPort(bench, self.rig.bus.baud)
-            for joint in self.rig.joints:
-                address = registers(joint.product)["torque_enable"].address
-                for _ in range(3):  # as its users do
-                    value, result, _ = sdk.read1ByteTxRx(port, joint.id, address)
-                    read[joint.name] = value if result == 0 else None
-                    if result == 0:
-                        break
-            port.closePort()
-        return read
+        return torque_read_back(self.virtual)
+
+
+def torque_read_back(virtual):
+    """Return every servo's torque as the vendor's own client reads it, once nothing is wrong any more."""
+    virtual.set_faults([])
+    virtual.advance(virtual.now + 1.0)
+    virtual.replies_until(virtual.now)  # what was late is over
+    rig = virtual.rig
+    kind, version = rig.bus.protocol.split("-")
+    sdk = scservo_sdk.PacketHandler(0) if kind == "feetech" else dynamixel_sdk.PacketHandler(float(version))
+    read = {}
+    with LockstepBench(virtual) as bench:
+        port = LockstepPort(bench, rig.bus.baud)
+        for joint in rig.joints:
+            address = registers(joint.product)["torque_enable"].address
+            for _ in range(3):  # as its users do
+                value, result, _ = sdk.read1ByteTxRx(port, joint.id, address)
+                read[joint.name] = value if result == 0 else None
+                if result == 0:
+                    break
+        port.closePort()
+    return read
 
 
 def _writes(frame):
