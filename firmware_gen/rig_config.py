@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Final
-
-import numpy as np
 
 from controller import Controller
 from controller.cycle import CycleSpec, OutputSpec, resolve_cycle
 from controller.errors import InputError
-from controller.register import Register
-from controller.registers import registers
-from controller.rig import Joint, Rig, Safety, Sensor
+from controller.rig import Rig, Safety, Sensor
 from controller.rig_file import require_bus
 from controller.schedule import schedule_of
-from controller.terminals import TerminalSpec, joint_scale
+from controller.terminals import TerminalSpec
 from firmware_gen.fingerprints import program_fingerprint, rig_fingerprint
-from firmware_gen.literals import literal
+from firmware_gen.joint_config import joint_lines
 from firmware_gen.plain import plain
 from firmware_gen.rig_needs import needed_sensors
-from firmware_gen.rig_rows import HIGHEST, LOWEST, CheckRow, check_rows, count_limits, setting_counts, table_blocks
 from firmware_gen.rig_sizes import PROTOCOLS
+from firmware_gen.rig_text import field_lines, float_c, microseconds, pair_c, row_lines
 from firmware_gen.unit import Unit
 
 CONSOLE_BAUD: Final = 1_000_000
@@ -33,13 +27,6 @@ SENSOR_BAUD: Final = 115_200
 JOINT_MAX: Final = 16
 SENSOR_MAX: Final = 16
 
-_ENCODINGS: Final = {
-    "unsigned": "SV_UNSIGNED",
-    "twos": "SV_TWOS",
-    "sign15": "SV_SIGN15",
-    "sign11": "SV_SIGN11",
-    "sign10": "SV_SIGN10",
-}
 _KINDS: Final = (
     "SV_TERMINAL_TIME",
     "SV_TERMINAL_RAW",
@@ -50,11 +37,8 @@ _KINDS: Final = (
     "SV_TERMINAL_HEADING_ERROR",
 )
 _PATIENCE_US: Final = 1000
-_REST_SPEED_RAD_S: Final = 0.06
 _REST_S_MAX: Final = 10.0
 _WATCHDOG_UNIT_S: Final = 0.02
-_FAR_RAD: Final = 3.4e38
-"""What C has for an infinite angle."""
 
 
 def require_speakable(rig: Rig) -> None:
@@ -152,16 +136,10 @@ def rig_source(rig: Rig, controller: Controller, fast_sync_read: bool = False) -
         "",
         *_cycle(spec),
     ]
-    rows = [_joint_rows(rig, joint) for joint in rig.joints]
-    for number, joint in enumerate(rig.joints):
-        lines += _joint_tables(number, joint, rows)
-    lines += ["static const sv_joint joints[] = {"]
-    for number, joint in enumerate(rig.joints):
-        lines += _joint(number, joint, rows)
-    lines += ["};", ""]
+    lines += joint_lines(rig)
     if rig.sensors:
         lines += ["static const sv_sensor sensors[] = {"]
-        lines += _rows((_sensor(sensor, i in needed), plain(sensor.name)) for i, sensor in enumerate(rig.sensors))
+        lines += row_lines((_sensor(sensor, i in needed), plain(sensor.name)) for i, sensor in enumerate(rig.sensors))
         lines += ["};", ""]
     return "\n".join([*lines, *_rig(rig, controller, fast_sync_read)])
 
@@ -171,7 +149,7 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
     tilt = {"roll", "pitch"} <= places.keys()
     return [
         "const sv_rig servolve_rig = {",
-        *_fields(
+        *field_lines(
             [
                 ("protocol", PROTOCOLS[rig.bus.protocol]),
                 ("baud", rig.bus.baud),
@@ -179,9 +157,9 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
                 ("patience_us", _PATIENCE_US),
                 ("velocity_mode", int(rig.joints[0].mode == "velocity")),
                 ("fast_sync_read", int(fast_sync_read and rig.bus.protocol == "dynamixel-2.0")),
-                ("period_us", _us(rig.period_s)),
+                ("period_us", microseconds(rig.period_s)),
                 ("homing_periods_max", math.ceil(_REST_S_MAX / rig.period_s)),
-                ("slew_rad_s", _float(controller.slew_rad_s)),
+                ("slew_rad_s", float_c(controller.slew_rad_s)),
                 ("njoint", "SERVOLVE_NJOINT"),
                 ("joints", "joints"),
                 ("nsensor", "SERVOLVE_NSENSOR"),
@@ -201,134 +179,26 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
 
 def _schedule(rig: Rig) -> str:
     schedule = schedule_of(rig)
-    health = ", ".join(_pair(block) for block in schedule.health)
-    return (
-        f"{{{schedule.nservo}, {_pair(schedule.state)}, {_pair(schedule.goal)}, {len(schedule.health)}, {{{health}}}, "
-        f"{schedule.health_every}}}"
-    )
+    health = ", ".join(pair_c(block) for block in schedule.health)
+    blocks = f"{pair_c(schedule.state)}, {pair_c(schedule.goal)}, {len(schedule.health)}, {{{health}}}"
+    return f"{{{schedule.nservo}, {blocks}, {schedule.health_every}}}"
 
 
 def _safety(safety: Safety) -> str:
     values = [
         ("stop_holds", int(safety.stop == "hold")),
-        ("homing_rad_s", _float(safety.homing_rad_s)),
-        ("tracking_rad_max", _float(safety.tracking_rad_max)),
-        ("tracking_us_max", _us(safety.tracking_s_max)),
+        ("homing_rad_s", float_c(safety.homing_rad_s)),
+        ("tracking_rad_max", float_c(safety.tracking_rad_max)),
+        ("tracking_us_max", microseconds(safety.tracking_s_max)),
         ("missed_max", safety.missed_cycles_max),
-        ("temperature_max", _float(safety.temperature_c_max)),
-        ("voltage_low", _float(safety.voltage_low_v)),
-        ("tilt_rad_max", _float(safety.tilt_rad_max)),
+        ("temperature_max", float_c(safety.temperature_c_max)),
+        ("voltage_low", float_c(safety.voltage_low_v)),
+        ("tilt_rad_max", float_c(safety.tilt_rad_max)),
         ("overrun_max", safety.overrun_cycles_max),
-        ("watchdog_us", _us(safety.watchdog_s)),
+        ("watchdog_us", microseconds(safety.watchdog_s)),
         ("watchdog_count", round(safety.watchdog_s / _WATCHDOG_UNIT_S)),
     ]
-    return "\n".join(["", "        {", *(f"        {line}" for line in _fields(values)), "        }"])
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Hold the rows of one joint's checks and settings, as C; joints with equal rows share them."""
-
-    checks: tuple[str, ...]
-    settings: tuple[str, ...]
-
-
-def _joint_rows(rig: Rig, joint: Joint) -> _Rows:
-    return _Rows(
-        tuple(_rows((_check(row), row.register.name) for row in check_rows(rig, joint))),
-        tuple(_rows((f"{{{_register(line)}, {count}}}", line.name) for line, count in setting_counts(joint))),
-    )
-
-
-def _places(number: int, rows: Sequence[_Rows]) -> tuple[int, int]:
-    """Return of which joints a joint has its checks and its settings: the first ones with the same rows."""
-    checks = next(i for i, row in enumerate(rows) if row.checks == rows[number].checks)
-    settings = next(i for i, row in enumerate(rows) if row.settings == rows[number].settings)
-    return checks, settings
-
-
-def _joint_tables(number: int, joint: Joint, rows: Sequence[_Rows]) -> list[str]:
-    """Write the rows of one joint's checks and settings, where no joint before has the same."""
-    checks, settings = _places(number, rows)
-    lines = [f"// joint {plain(joint.name)}, servo {joint.id}: {joint.product.name}"]
-    if checks == number:
-        lines += [f"static const sv_check checks{number}[] = {{", *rows[number].checks, "};", ""]
-    if settings == number:
-        lines += [f"static const sv_setting settings{number}[] = {{", *rows[number].settings, "};", ""]
-    return lines if len(lines) > 1 else []
-
-
-def _check(row: CheckRow) -> str:
-    level = "SV_ERROR" if row.error else "SV_WARNING"
-    mask = "-1" if row.mask < 0 else f"0x{row.mask:02x}"
-    return (
-        f"{{{_register(row.register)}, {mask}, {_count(row.low)}, {_count(row.high)}, {level}, SV_FINDING_{row.kind}}}"
-    )
-
-
-def _joint(number: int, joint: Joint, rows: Sequence[_Rows]) -> list[str]:
-    family, table = joint.family, registers(joint.product)
-    checks, settings = _places(number, rows)
-    velocity = joint.mode == "velocity"
-    unit = joint.product.velocity_unit_rad_s
-    seeds = (0, 0) if velocity else count_limits(joint)
-    goals = (-_fastest(joint), _fastest(joint)) if velocity else seeds
-    ends = (-_FAR_RAD, _FAR_RAD) if joint.unlimited else (joint.low_rad, joint.high_rad)
-
-    def line(name: str | None) -> str:
-        return _register(None if name is None else table[name])
-
-    values = [
-        ("id", joint.id),
-        ("model", joint.product.model_number),
-        ("zero", joint.zero_tick),
-        ("angle_scale", _float(joint_scale(joint))),
-        ("speed_scale", _float(joint.sign * unit)),
-        ("goal_low", goals[0]),
-        ("goal_high", goals[1]),
-        ("seed_low", seeds[0]),
-        ("seed_high", seeds[1]),
-        ("neutral", _neutral(joint)),
-        ("neutral_rad", _float(joint.neutral_rad)),
-        ("low_rad", _float(ends[0])),
-        ("high_rad", _float(ends[1])),
-        ("speed_max", _float(joint.speed_rad_s_max)),
-        ("no_load_speed", _float(joint.product.no_load_speed_rad_s)),
-        ("unlimited", int(joint.unlimited)),
-        ("rest_count", max(1, round(_REST_SPEED_RAD_S / unit))),
-        ("position", line(family.position)),
-        ("velocity", line(family.velocity)),
-        ("load", line(family.load)),
-        ("goal", line(family.goal(joint.mode))),
-        ("torque", line(family.torque_enable)),
-        ("ceiling", line(family.torque_ceiling)),
-        ("ceiling_count", joint.ceiling),
-        ("watchdog", line(family.watchdog)),
-        ("hardware_error", line(family.hardware_error)),
-        ("shutdown", line(family.shutdown)),
-        ("voltage", line(family.voltage)),
-        ("temperature", line(family.temperature)),
-        ("voltage_scale", _float(table[family.voltage].scale)),
-        ("error_bits", f"0x{sum(1 << bit for bit in family.error_bits):02x}"),
-        ("tables", f"{{{', '.join(map(_pair, table_blocks(joint)))}}}"),
-        ("checks", f"checks{checks}"),
-        ("ncheck", len(rows[number].checks)),
-        ("settings", f"settings{settings}"),
-        ("nsetting", len(rows[number].settings)),
-    ]
-    return ["    {", *(f"    {text}" for text in _fields(values)), "    },"]
-
-
-def _fastest(joint: Joint) -> int:
-    return abs(round(joint.speed_rad_s_max / (joint.sign * joint.product.velocity_unit_rad_s)))
-
-
-def _neutral(joint: Joint) -> int:
-    count = joint.zero_tick + round(joint.neutral_rad / joint_scale(joint))
-    if joint.unlimited:
-        return count
-    low, high = count_limits(joint)
-    return min(max(count, low), high)
+    return "\n".join(["", "        {", *(f"        {line}" for line in field_lines(values)), "        }"])
 
 
 def _sensor(sensor: Sensor, needed: bool) -> str:
@@ -337,9 +207,9 @@ def _sensor(sensor: Sensor, needed: bool) -> str:
         ("field", sensor.field),
         ("needed", int(needed)),
         ("zero", sensor.zero),
-        ("scale", _float(sensor.scale)),
-        ("latency_us", _us(sensor.latency_s)),
-        ("age_us_max", _us(sensor.age_s_max)),
+        ("scale", float_c(sensor.scale)),
+        ("latency_us", microseconds(sensor.latency_s)),
+        ("age_us_max", microseconds(sensor.age_s_max)),
     ]
     return f"{{{', '.join(str(value) for _, value in values)}}}"
 
@@ -348,7 +218,7 @@ def _cycle(spec: CycleSpec) -> list[str]:
     program = spec.program
     lines = [
         "static const sv_program program = {",
-        *_fields(
+        *field_lines(
             [
                 ("ninput", len(program.inputs)),
                 ("nstate", program.nstate),
@@ -360,7 +230,7 @@ def _cycle(spec: CycleSpec) -> list[str]:
     ]
     if spec.terminals:
         lines += ["static const sv_terminal terminals[] = {"]
-        lines += _rows((_terminal(one), plain(one.name)) for one in spec.terminals)
+        lines += row_lines((_terminal(one), plain(one.name)) for one in spec.terminals)
         lines += ["};", ""]
     lines += ["static const sv_output outputs[] = {"]
     for output in spec.outputs:
@@ -370,14 +240,14 @@ def _cycle(spec: CycleSpec) -> list[str]:
         "};",
         "",
         "static const sv_cycle cycle = {",
-        *_fields(
+        *field_lines(
             [
                 ("program", "&program"),
                 ("terminals", "terminals" if spec.terminals else "0"),
                 ("outputs", "outputs"),
-                ("period_s", _float(spec.period_s)),
-                ("filter", _float(spec.filter)),
-                ("slew_step", _float(spec.slew_step)),
+                ("period_s", float_c(spec.period_s)),
+                ("filter", float_c(spec.filter)),
+                ("slew_step", float_c(spec.slew_step)),
                 ("nraw", spec.nraw),
                 ("x", _terminal(spec.x)),
                 ("y", _terminal(spec.y)),
@@ -391,56 +261,23 @@ def _cycle(spec: CycleSpec) -> list[str]:
 
 
 def _output(output: OutputSpec) -> list[str]:
-    return _fields(
+    return field_lines(
         [
             ("kind", f"SV_OUTPUT_{output.kind.upper()}"),
-            ("low", _float(output.low)),
-            ("high", _float(output.high)),
-            ("neutral", _float(output.neutral)),
-            ("unit_scale", _float(output.unit_scale)),
-            ("count_scale", _float(output.count_scale)),
+            ("low", float_c(output.low)),
+            ("high", float_c(output.high)),
+            ("neutral", float_c(output.neutral)),
+            ("unit_scale", float_c(output.unit_scale)),
+            ("count_scale", float_c(output.count_scale)),
             ("zero", output.zero),
             ("count_low", output.count_low),
             ("count_high", output.count_high),
             ("angle", _terminal(output.angle)),
-            ("angle_low", _float(output.angle_low)),
-            ("angle_high", _float(output.angle_high)),
+            ("angle_low", float_c(output.angle_low)),
+            ("angle_high", float_c(output.angle_high)),
         ]
     )
 
 
 def _terminal(spec: TerminalSpec) -> str:
-    return f"{{{_KINDS[spec.kind]}, {spec.channel}, {spec.zero}, {_float(spec.scale)}}}"
-
-
-def _register(line: Register | None) -> str:
-    if line is None:
-        return "{0, 0, SV_UNSIGNED}"
-    return f"{{{line.address}, {line.size}, {_ENCODINGS[line.encoding]}}}"
-
-
-def _fields(values: Iterable[tuple[str, object]]) -> list[str]:
-    return [f"    .{name} =" + f" {value},".replace(" \n", "\n") for name, value in values]
-
-
-def _rows(values: Iterable[tuple[str, str]]) -> list[str]:
-    """Write the rows of a table, each with what it is about."""
-    rows = [(f"    {text},", name) for text, name in values]
-    width = max(len(text) for text, _ in rows)
-    return [f"{text:<{width}}  // {name}" for text, name in rows]
-
-
-def _pair(block: Sequence[int]) -> str:
-    return f"{{{block[0]}, {block[1]}}}"
-
-
-def _count(value: int) -> str:
-    return {LOWEST: "INT32_MIN", HIGHEST: "INT32_MAX"}.get(value, str(value))
-
-
-def _float(value: float) -> str:
-    return literal(np.float32(value))
-
-
-def _us(seconds: float) -> int:
-    return round(1e6 * seconds)
+    return f"{{{_KINDS[spec.kind]}, {spec.channel}, {spec.zero}, {float_c(spec.scale)}}}"
