@@ -67,7 +67,8 @@ def _joint_tables(number: int, joint: Joint, rows: Sequence[_Rows]) -> list[str]
 def _check(row: CheckRow) -> str:
     level = "SV_ERROR" if row.error else "SV_WARNING"
     mask = "-1" if row.mask < 0 else f"0x{row.mask:02x}"
-    return f"{{{register_c(row.register)}, {mask}, {count_c(row.low)}, {count_c(row.high)}, {level}, SV_FINDING_{row.kind}}}"
+    values = [register_c(row.register), mask, count_c(row.low), count_c(row.high), level, f"SV_FINDING_{row.kind}"]
+    return f"{{{', '.join(values)}}}"
 
 
 def _joint(number: int, joint: Joint, rows: Sequence[_Rows]) -> list[str]:
