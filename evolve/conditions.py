@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +52,16 @@ def perturbation_ranges(settings: Settings) -> PerturbationRanges:
     """Return how far a run's perturbations are drawn."""
     names = [field.name for field in dataclasses.fields(PerturbationRanges)]
     return PerturbationRanges(**{name: getattr(settings, name) for name in names})
+
+
+def unperturbed(settings: Settings) -> Settings:
+    """Return a run's numbers without any perturbation: every rig is as its file states it.
+
+    Args:
+        settings: the run's numbers
+    """
+    nothing: dict[str, Any] = {field.name: 0.0 for field in dataclasses.fields(PerturbationRanges)}
+    return dataclasses.replace(settings, **nothing)
 
 
 def poisson_disk(rng: np.random.Generator, n: int, low: float, high: float) -> npt.NDArray[np.float64]:

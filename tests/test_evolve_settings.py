@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller.errors import InputError
-from evolve.conditions import draw_conditions, pick, poisson_disk, stratified
+from evolve.conditions import draw_conditions, pick, poisson_disk, stratified, unperturbed
 from evolve.decide import Candidate, who_hit_most
 from evolve.settings import OBJECTIVES, Settings, apply_overrides, asked_objectives, check, describe
 from evolve.streams import Stream, generator
@@ -105,6 +105,7 @@ def test_without_ranges_conditions_are_nominal_and_the_same_every_generation():
     names = ("friction", "mass", "torque", "voltage", "latency_s", "encoder_bias_rad", "initial_rad")
     names += ("pose_noise_m", "angle_noise_rad", "force_noise_n")
     numbers = dataclasses.replace(Settings(), goal_low_m=0.3, goal_high_m=0.3, **dict.fromkeys(names, 0.0))
+    assert unperturbed(dataclasses.replace(Settings(), goal_low_m=0.3, goal_high_m=0.3)) == numbers
     a, b = (draw_conditions(generator(1, Stream.CONDITIONS, g), numbers, 1, 3) for g in (0, 1))
     assert a.keys == b.keys
     assert np.all(a.perturbations.torque == 1) and np.all(a.perturbations.latency_s == 0)

@@ -27,6 +27,7 @@ import math
 
 import numpy as np
 
+from evolve.conditions import unperturbed
 from evolve.task import FloatArray, Settings, StopConditions, Task
 from sim_models.rollouts import Rollouts
 
@@ -63,38 +64,30 @@ TASK = Task(
     fitness=fitness,
     stop=StopConditions(flight_s_max=math.inf),
     engine="gep",
-    settings=Settings(
-        population=100,
-        generations=50,
-        elites=1,
-        constant_max=6.0,
-        gep_head=10,
-        goals=1,
-        nominal_goals=1,
-        race_goals=0,
-        redraw=False,
-        goal_low_m=0.5,
-        goal_high_m=0.5,
-        time_limit_s=20.0,
-        filter=0.2,
-        slew_rad_s=0.0,
-        screen_form="free",
-        screen_timestep_s=0.002,
-        decide_timestep_s=0.002,
-        verify_timestep_s=0.002,
-        friction=0.0,
-        mass=0.0,
-        torque=0.0,
-        voltage=0.0,
-        latency_s=0.0,
-        encoder_bias_rad=0.0,
-        initial_rad=0.0,
-        pose_noise_m=0.0,
-        angle_noise_rad=0.0,
-        force_noise_n=0.0,
-        hall_of_fame=30,
-        stated_goals=1,
-        decision_goals=1,
-        held_out_goals=1,
+    settings=unperturbed(
+        Settings(
+            population=100,
+            generations=50,
+            elites=1,
+            constant_max=6.0,
+            gep_head=10,
+            goals=1,
+            nominal_goals=1,
+            race_goals=0,
+            redraw=False,
+            goal_low_m=0.5,
+            goal_high_m=0.5,
+            time_limit_s=20.0,
+            filter=0.2,
+            slew_rad_s=0.0,
+            screen_form="free",
+            screen_timestep_s=0.002,
+            decide_timestep_s=0.002,
+            verify_timestep_s=0.002,
+            hall_of_fame=30,
+            stated_goals=1,
+            decision_goals=1,
+            held_out_goals=1,
+        )
     ),
 )

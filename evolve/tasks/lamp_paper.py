@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from evolve.conditions import unperturbed
 from evolve.settings import Settings
 from evolve.task import FloatArray, Task
 from sim_models.rollouts import Rollouts
@@ -14,30 +15,22 @@ RIG = "paper-lamp"
 TERMINALS = ("t", "a0", "a1", "a2", "s0", "px", "py", "pz", "vx", "vy", "vz", "goal_met", "goal_dist")
 """Source: Gritz & Hahn 1997, §3.6."""
 
-SETTINGS = Settings(
-    population=250,
-    generations=30,
-    tournament=6,
-    crossover=0.8,
-    goals=6,
-    redraw=False,
-    race_goals=2,
-    race_share=0.4,
-    goal_low_m=0.1,
-    goal_high_m=0.6,
-    time_limit_s=4.0,
-    filter=1.0,
-    slew_rad_s=0.0,
-    friction=0.0,
-    mass=0.0,
-    torque=0.0,
-    voltage=0.0,
-    latency_s=0.0,
-    encoder_bias_rad=0.0,
-    initial_rad=0.0,
-    pose_noise_m=0.0,
-    angle_noise_rad=0.0,
-    force_noise_n=0.0,
+SETTINGS = unperturbed(
+    Settings(
+        population=250,
+        generations=30,
+        tournament=6,
+        crossover=0.8,
+        goals=6,
+        redraw=False,
+        race_goals=2,
+        race_share=0.4,
+        goal_low_m=0.1,
+        goal_high_m=0.6,
+        time_limit_s=4.0,
+        filter=1.0,
+        slew_rad_s=0.0,
+    )
 )
 """Source: Gritz & Hahn 1997, §4 (what did as well at half the cost)."""
 
