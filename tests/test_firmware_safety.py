@@ -159,7 +159,7 @@ def test_stale_sensors(pair, ages_us, shift):
         now = [ages_us[(period + shift * number) % len(ages_us)] for number in range(nsensor)]
         host = [math.inf if age < 0 else 1e-6 * age for age in now]
         said = safety.judge_sensors(pair.host_rig, pair.watch, pair.needed, host)
-        told = pair.judges.judge("sensors", (c_int64 * nsensor)(*now))
+        told = pair.judges.judge("sensors", now)
         assert (said is None) == (told is None), (said, told)
         if said is not None:
             sensor = pair.rig.sensors[told[1]]

@@ -14,13 +14,18 @@
 #define SV_WAIT_US_MAX 50000  // the watchdog is fed so often
 
 void sv_wait_until(sv_robot* robot, int64_t until_us) {
+  int64_t seen_us = -1;
   for (;;) {
-    sv_hal_feed_watchdog();
     sv_console_listen(robot);
     const int64_t now_us = sv_hal_now_us();
+    // a clock that stands still is no reason to feed
+    if (now_us != seen_us) {
+      sv_hal_feed_watchdog();
+    }
     if (now_us >= until_us) {
       return;
     }
+    seen_us = now_us;
     sv_hal_wait(until_us - now_us > SV_WAIT_US_MAX ? now_us + SV_WAIT_US_MAX : until_us);
   }
 }
@@ -147,7 +152,7 @@ static float sv_sensor_value(const sv_robot* robot, int32_t sensor) {
 }
 
 // Judge how the base stands; an old pose says nothing about now.
-static int32_t sv_tilt(sv_robot* robot, const int64_t* ages_us) {
+static int32_t sv_tilt(sv_robot* robot, const int32_t* ages_us) {
   const sv_rig* rig = robot->rig;
   const int32_t places[2] = {rig->roll, rig->pitch};
   for (int32_t i = 0; i < 2; i++) {
@@ -162,9 +167,9 @@ static int32_t sv_tilt(sv_robot* robot, const int64_t* ages_us) {
 static int32_t sv_judge_period(sv_robot* robot) {
   const sv_rig* rig = robot->rig;
   sv_watch* watch = &robot->watch;
-  int64_t ages_us[SV_SENSOR_MAX];
+  int32_t ages_us[SV_SENSOR_MAX];
   for (int32_t i = 0; i < rig->nsensor; i++) {
-    ages_us[i] = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
+    ages_us[i] = sv_clip_us(sv_lines_age_us(&robot->lines, i, sv_hal_now_us()));
   }
   return sv_judge_replies(rig, watch, robot->replies) || sv_alerts(robot) ||
          sv_judge_encoders(rig, watch, sv_hal_now_us(), robot->replies, robot->raw) ||

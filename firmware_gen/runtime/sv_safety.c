@@ -105,7 +105,7 @@ int32_t sv_judge_torque(sv_watch* watch, int32_t joint, int32_t torque) {
   return torque == 0 && sv_because(watch, SV_REASON_NO_TORQUE, joint, 0, 0);
 }
 
-int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int64_t* ages_us) {
+int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int32_t* ages_us) {
   for (int32_t i = 0; i < rig->nsensor; i++) {
     const int32_t age_us_max = rig->sensors[i].age_us_max;
     if (!rig->sensors[i].needed) {
@@ -114,7 +114,7 @@ int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int64_t* ages
     const int32_t fresh = ages_us[i] >= 0 && ages_us[i] <= age_us_max;
     watch->stale[i] = fresh ? 0 : watch->stale[i] + 1;
     if (watch->stale[i] > rig->safety.missed_max) {
-      return sv_because(watch, SV_REASON_STALE, i, sv_clip_us(ages_us[i]), age_us_max);
+      return sv_because(watch, SV_REASON_STALE, i, ages_us[i], age_us_max);
     }
   }
   return 0;
