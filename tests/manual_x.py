@@ -139,6 +139,8 @@ class Servo:
             if watchdog == TRIPPED:
                 return {RANGE}
             found |= {RANGE} if watchdog is None else set()
+            if self.fuzzy and self.goals_switch_on():  # which a servo that has shut down does not
+                found.add(FAIL)
             return found | self.goal_errors(item, value)
         if item.name == "torque_enable" and value and self.fuzzy:
             return {0, FAIL, RANGE, LIMIT, ACCESS}

@@ -201,6 +201,16 @@ def test_a_goal_may_have_switched_torque_on_though_nobody_said_so():
     line.write_surely(servo, "baud_rate", 7)
 
 
+def test_a_goal_that_would_switch_a_shut_down_servo_on_may_fail():
+    line = type("Line", (XMachine,), {"rig_name": "lamp-xl430"})()
+    servo = line.servos[0]
+    line.write(servo, [(servo.memory.items["drive_mode"], 8)])
+    line.a_hardware_error(index=0, kind="overload")
+    assert line.rig.servos[0].table["hardware_error_status"] == 0x20
+    line.write(servo, [(servo.memory.items["goal_position"], 2000)])
+    assert line.rig.servos[0].table["torque_enable"] == 0
+
+
 @pytest.mark.parametrize("rig_name", ["lamp-xc330", "lamp-xl430", "xm430"])
 def test_servos_keep_the_manuals_rules(rig_name, machine_steps):
     machine = type("Machine", (XMachine,), {"rig_name": rig_name})
