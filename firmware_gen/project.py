@@ -62,21 +62,23 @@ class Project:
     files: Mapping[str, str]
 
 
-def make_project(controller: Controller, rig: Rig, board: Board) -> Project:
+def make_project(controller: Controller, rig: Rig, board: Board, fast_sync_read: bool = False) -> Project:
     """Write all files of a firmware project, as texts.
 
     Args:
         controller: the controller
         rig: the rig
         board: the board
+        fast_sync_read: whether one status packet answers for all servos, which is shorter; the host loop asks for one
+            each
 
     Returns:
         the project
 
     Raises:
-        InputError: the firmware can not drive the rig, or the controller does not fit it
+        InputError: the firmware can not drive the rig, the controller does not fit it, or the servos answer one by one
     """
-    rig_c = rig_source(rig, controller)
+    rig_c = rig_source(rig, controller, fast_sync_read)
     unit = _unit(controller, board)
     generated = generate(controller, unit.name)
     sizes = sizes_of(rig, controller)
@@ -93,7 +95,7 @@ def make_project(controller: Controller, rig: Rig, board: Board) -> Project:
     for name in SHARED:
         path = CONTROLLER_RUNTIME / name
         files[f"runtime/{name}"] = path.read_text(encoding="utf-8")
-    files |= {f"runtime/{name}": text for name, text in sizes_files(sizes, rig).items()}
+    files |= {f"runtime/{name}": text for name, text in sizes_files(sizes, rig, fast_sync_read).items()}
     for path in board.files:
         files[f"board/{path.name}"] = path.read_text(encoding="utf-8")
     if board.form == "arduino":

@@ -121,9 +121,12 @@ def rig_source(rig: Rig, controller: Controller, fast_sync_read: bool = False) -
         the whole file
 
     Raises:
-        InputError: the firmware can not drive the rig, or the controller does not fit it
+        InputError: the firmware can not drive the rig, the controller does not fit it, or the servos answer one by one
     """
     require_speakable(rig)
+    if fast_sync_read and rig.bus.protocol != "dynamixel-2.0":
+        product = rig.joints[0].product.name
+        raise InputError(f"rig {rig.name}: its {product} servos have no fast sync read; leave --fast-sync-read out")
     spec = resolve_cycle(controller, rig)
     needed = needed_sensors(rig, controller)
     lines = [
@@ -156,7 +159,7 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
                 ("return_delay_us", rig.bus.return_delay_us),
                 ("patience_us", _PATIENCE_US),
                 ("velocity_mode", int(rig.joints[0].mode == "velocity")),
-                ("fast_sync_read", int(fast_sync_read and rig.bus.protocol == "dynamixel-2.0")),
+                ("fast_sync_read", int(fast_sync_read)),
                 ("period_us", microseconds(rig.period_s)),
                 ("homing_periods_max", math.ceil(_REST_S_MAX / rig.period_s)),
                 ("slew_rad_s", float_c(controller.slew_rad_s)),

@@ -26,6 +26,7 @@ def firmware(
     rig: str | None = None,
     board: str | None = None,
     out: Path,
+    fast_sync_read: Annotated[bool, Parameter(negative="")] = False,
     build: Annotated[bool, Parameter(negative="")] = False,
     run: Annotated[bool, Parameter(negative="")] = False,
     goal: float = GOAL_M,
@@ -47,6 +48,7 @@ def firmware(
         rig: name that `servolve rig list` prints, or path of a rig file; left out: the one it was evolved on
         board: name of a board, or path of a folder with a board.toml; a wrong name is answered with the list
         out: the folder to write to
+        fast_sync_read: let one status packet answer for all servos, which takes less time on the line; Dynamixel 2.0
         build: build it too, with CMake
         run: build it and run it on the virtual rig, in lock step, as `deploy` runs the host loop: board host as a
             process of this computer, the others under QEMU
@@ -69,7 +71,7 @@ def firmware(
     chosen = load_board(board)
     loaded = load_controller(controller)
     about = rig_of(controller, loaded, rig)
-    project = make_project(loaded, about, chosen)
+    project = make_project(loaded, about, chosen, fast_sync_read)
     asked = AskedRun(goal, seconds, derate, twin, fault, seed, log)
     if not run and asked != AskedRun():
         raise InputError("--goal, --seconds, --derate, --twin, --fault, --seed and --log: are of a run; add --run")

@@ -79,6 +79,15 @@ def test_two_processes_write_the_same_bytes(tmp_path):
     assert set(told["files"]) == set(first) - {"servolve.json"}
 
 
+def test_a_fast_sync_read_is_a_matter_of_the_rigs_data_alone():
+    slow, fast = (
+        make_project(lamp(), load_rig("lamp-xc330"), load_board("host"), fast).files for fast in (False, True)
+    )
+    assert {path for path in slow if slow[path] != fast[path]} == {
+        *("src/rig.c", "runtime/sv_rig_sizes.h", "servolve.json"),
+    }
+
+
 # it builds
 
 
@@ -262,6 +271,7 @@ def test_a_link_to_elsewhere_is_no_file_of_the_project(tmp_path):
         (("--rig", "paper-lamp", "--board", "host"), "exists in simulation only, and firmware needs a bus"),
         (("--rig", "jumper-xc330", "--board", "host"), "give one output for each joint"),
         (("--rig", "nonesuch", "--board", "host"), "there is no rig 'nonesuch'"),
+        (("--rig", "lamp-sts3215", "--board", "host", "--fast-sync-read"), "sts3215 servos have no fast sync read"),
     ],
 )
 def test_wrong_input_is_one_sentence(arguments, sentence, tmp_path, capsys):
