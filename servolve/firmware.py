@@ -14,7 +14,7 @@ from firmware_gen.board import board_names, load_board
 from firmware_gen.build import build_project, require_tools
 from firmware_gen.image_size import image_size
 from firmware_gen.project import make_project, write_project
-from servolve.firmware_run import AskedRun, run_image
+from servolve.firmware_run import AskedRun, plan_run, run_image
 from servolve.run_meta import GOAL_M
 from servolve.run_rig import rig_of
 
@@ -75,6 +75,7 @@ def firmware(
     asked = AskedRun(goal, seconds, derate, twin, fault, seed, log)
     if not run and asked != AskedRun():
         raise InputError("--goal, --seconds, --derate, --twin, --fault, --seed and --log: are of a run; add --run")
+    plan = plan_run(chosen.machine, loaded, about, asked) if run else None
     build = build or run
     if build:
         require_tools(chosen)
@@ -83,10 +84,10 @@ def firmware(
     if build:
         image = build_project(out, chosen)
         told |= {"image": str(image), **image_size(image)}
-    if run:
+    if plan:
         if not json_:
             _tell(told, out)
-        return run_image(Path(told["image"]), chosen.machine, loaded, about, asked, told, json_)
+        return run_image(Path(told["image"]), plan, told, json_)
     if json_:
         print(json.dumps(told | {"files": list(project.files)}))
     else:

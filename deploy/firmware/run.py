@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
-import numpy as np
-
 from controller.controller import Controller
-from controller.errors import InputError, RunError
+from controller.errors import RunError
 from deploy.firmware.bench import FirmwareBench
+from deploy.firmware.commands import commands
 from deploy.firmware.console_decoder import ConsoleDecoder, Text
 from deploy.firmware.machine import Firmware, Given
 from deploy.firmware.reasons import Reason
@@ -24,33 +22,9 @@ from deploy.states import State
 from deploy.virtual.rig import VirtualRig
 from deploy.witness import Witness
 
-SECONDS_MAX: Final = 4000.0
-"""The longest run that firmware takes [s]."""
-
 _AROUND_S: Final = 60.0
 """Checks, homing and the way out are over in this time, or never."""
 _RUNNING: Final = tuple(State).index(State.RUNNING)
-
-
-def commands(options: RunOptions, period_s: float) -> list[str]:
-    """Return the commands that ask firmware for a run.
-
-    Args:
-        options: of the run
-        period_s: control period [s]
-
-    Returns:
-        lines of the console, the start last
-
-    Raises:
-        InputError: the run is longer than firmware takes
-    """
-    if options.seconds >= SECONDS_MAX:
-        raise InputError(f"--seconds {options.seconds:g}: firmware runs for less than {SECONDS_MAX:g} s; give less")
-    seconds = round(options.seconds / period_s) * period_s
-    goal = [_decimal(options.goal_dist)] + ([_decimal(options.goal_bearing)] if options.goal_bearing else [])
-    asked = [f"goal {' '.join(goal)}", f"seconds {seconds:.5f}", f"derate {_decimal(options.derate)}"]
-    return [*asked, "arm" if options.arm else "disarm", "start"]
 
 
 def run_firmware(
@@ -173,10 +147,3 @@ class _Run:
 
 def _is_step(record: Record) -> bool:
     return isinstance(record, Cycle) or (isinstance(record, Change) and record.entered == _RUNNING)
-
-
-def _decimal(value: float) -> str:
-    """Return the shortest decimal that is the same float32."""
-    if not math.isfinite(value):
-        raise InputError(f"{value}: is no number; give a decimal")
-    return np.format_float_positional(np.float32(value), trim="-")
