@@ -97,6 +97,7 @@ def plan_run(machine: str, controller: Controller, rig: Rig, asked: AskedRun) ->
     check_length(rig, seconds)
     options = RunOptions(asked.goal, 0.0, seconds, True, asked.derate)
     commands(options, rig.period_s)
+    virtual.check(rig)
     return PlannedRun(machine, controller, rig, options, virtual, asked.log)
 
 

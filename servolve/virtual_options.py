@@ -30,6 +30,20 @@ class VirtualOptions:
     faults: tuple[str, ...]
     seed: int
 
+    def check(self, rig: Rig) -> None:
+        """Refuse faults that are none, or that a rig can not have.
+
+        Args:
+            rig: which rig
+
+        Raises:
+            InputError: a fault is no fault, or of something that the rig does not have
+        """
+        if self.faults:
+            from deploy.virtual.faults import check_faults, parse_fault
+
+            check_faults([parse_fault(text) for text in self.faults], rig)
+
     def rig(self, rig: Rig) -> VirtualRig:
         """Return the virtual rig.
 
@@ -37,7 +51,7 @@ class VirtualOptions:
             rig: which rig
 
         Raises:
-            InputError: a fault asks for what the rig does not have
+            InputError: as `check`, or the twin asks for what can not be
         """
         from deploy.virtual.faults import parse_fault
         from deploy.virtual.rig import VirtualRig
@@ -54,7 +68,7 @@ def virtual_options(twin: Path | None, fault: tuple[str, ...], seed: int) -> Vir
         seed: of faults and noise
 
     Raises:
-        InputError: a file can not be read, a fault is none, or the seed is negative
+        InputError: a file can not be read, or the seed is negative
     """
     if seed < 0:
         raise InputError(f"--seed {seed}: is negative; give a whole number from 0")
