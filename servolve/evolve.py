@@ -98,7 +98,7 @@ def evolve(
     given |= {"--generations": generations, "--set": set_ or None}
     if resume is not None:
         _refuse_with_resume([name for name, value in given.items() if value is not None])
-        result = _resumed(resume, threads, any_version, quiet)
+        result = _resumed(resume, threads, any_version, quiet, quiet or json_)
     elif task is None:
         raise InputError("evolve needs a task; give lamp-robust, another task's name or file, or --resume RUN")
     else:
@@ -142,12 +142,13 @@ def _config(
     return evolution.RunConfig(loaded, folder, seed, settings, rig, threads, engine, task_text=text)
 
 
-def _tell_beginning(plan: Plan) -> None:
-    """Say what has begun and where it goes: the first generation may take a while."""
+def _tell_beginning(plan: Plan, done: int) -> None:
+    """Say what has begun, or goes on, and where it goes: the first generation may take a while."""
     settings = plan.settings
+    doing = "going on with" if done else "evolving"
     print(
-        f"{plan.folder}: evolving {plan.task.name} on {plan.rig.name}, seed {plan.seed}, {settings.population}"
-        f" individuals for {settings.generations} generations",
+        f"{plan.folder}: {doing} {plan.task.name} on {plan.rig.name}, seed {plan.seed}, {settings.population}"
+        f" individuals for {settings.generations} generations{f', {done} of them done' if done else ''}",
         file=sys.stderr,
         flush=True,
     )
@@ -163,13 +164,14 @@ def _refuse_with_resume(given: list[str]) -> None:
     )
 
 
-def _resumed(folder: Path, threads: int | None, any_version: bool, quiet: bool) -> evolution.RunResult:
+def _resumed(folder: Path, threads: int | None, any_version: bool, quiet: bool, silent: bool) -> evolution.RunResult:
     """Go on with a run, or say that there is nothing left to do."""
     read_run_file(folder)
     if is_finished(folder):
         print(f"{folder}: this run is finished; nothing is left to do", file=sys.stderr)
     with _reporter(quiet, folder) as progress:
-        return evolution.resume(folder, threads, progress, any_version=any_version)
+        begun = None if silent else _tell_beginning
+        return evolution.resume(folder, threads, progress, begun, any_version=any_version)
 
 
 def _write_report(folder: Path) -> None:

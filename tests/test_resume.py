@@ -71,6 +71,18 @@ def test_an_interrupted_run_goes_on_where_it_was(uninterrupted, begun):
     assert_same_run(begun, uninterrupted)
 
 
+def test_a_resumed_run_says_at_once_what_goes_on(begun, capsys):
+    assert main(["evolve", "--resume", str(begun), "--no-report"]) == 0
+    first, second = capsys.readouterr().err.splitlines()[:2]
+    assert first.startswith(f"{begun}: going on with ") and first.endswith("for 5 generations, 2 of them done")
+    assert second.startswith("generation 2")
+
+
+def test_nothing_is_said_where_nobody_asked_for_progress(begun, capsys):
+    assert main(["evolve", "--resume", str(begun), "--no-report", "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize("left", [("run.toml",), ("run.toml", "history.sqlite"), ("run.toml", "history.sqlite-empty")])
 def test_a_run_without_a_generation_begins(uninterrupted, tmp_path, left):
     folder = tmp_path / "run"

@@ -116,14 +116,14 @@ class RunResult:
 
 
 def evolve(
-    config: RunConfig, progress: Callable[[Progress], None], begun: Callable[[Plan], None] | None = None
+    config: RunConfig, progress: Callable[[Progress], None], begun: Callable[[Plan, int], None] | None = None
 ) -> RunResult:
     """Evolve a controller.
 
     Args:
         config: what to run
         progress: called after each generation
-        begun: called before the first generation, when all is checked and the folder is there
+        begun: called before the first generation, when all is checked and the folder is there; with no generations
 
     Returns:
         the best controller and how good it is; the same for the same task, settings and seed at any thread count
@@ -143,15 +143,14 @@ def evolve(
                 seed=plan.seed,
                 decide=config.decide,
             )
-            if begun is not None:
-                begun(plan)
-            return _finish(plan, *_search(plan, pool, progress, started), started)
+            return _finish(plan, *_search(plan, pool, progress, begun, started), started)
 
 
 def resume(
     folder: Path,
     threads: int | None,
     progress: Callable[[Progress], None],
+    begun: Callable[[Plan, int], None] | None = None,
     *,
     any_version: bool = False,
     task: Task | None = None,
@@ -162,6 +161,7 @@ def resume(
         folder: the run's
         threads: threads that simulate; None: one per CPU
         progress: called after each generation that is still missing
+        begun: called before the first of them, when all is checked, with the generations that are there
         any_version: go on although other versions of servolve, MuJoCo or numpy began it
         task: the run's task, if it is neither built in nor kept in the folder
 
@@ -184,7 +184,7 @@ def resume(
             check_versions(folder, found)
         plan = make_plan(config, rig)
         with open_screen(plan) as pool:
-            return _finish(plan, *_search(plan, pool, progress, started), started)
+            return _finish(plan, *_search(plan, pool, progress, begun, started), started)
 
 
 def is_finished(folder: Path) -> bool:
@@ -292,11 +292,17 @@ def _rehearse(plan: Plan, pool: RolloutPool) -> None:
 
 
 def _search(
-    plan: Plan, pool: RolloutPool, progress: Callable[[Progress], None], started: float
+    plan: Plan,
+    pool: RolloutPool,
+    progress: Callable[[Progress], None],
+    begun: Callable[[Plan, int], None] | None,
+    started: float,
 ) -> tuple[list[Candidate], int, float, float]:
     """Run the generations that are missing; return each one's best, simulations, their and earlier time [s]."""
     path = plan.folder / HISTORY
     checkpoint = read_checkpoint(path, plan.engine, plan.template, plan.settings)
+    if begun is not None:
+        begun(plan, checkpoint.generations)
     cache = Cache(dict(checkpoint.outcomes))
     hall, search_s = list(checkpoint.hall), checkpoint.seconds
     settings = plan.settings
