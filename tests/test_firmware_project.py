@@ -42,10 +42,10 @@ def tree(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def readme_commands(folder):
-    """Return the commands of a README that build, as a reader would copy them."""
-    section = (folder / "README.md").read_text().split("## Build")[1].split("\n## ")[0]
-    return re.findall(r"```sh\n(.*?)```", section, re.S)[0].splitlines()
+def readme_commands(folder, heading):
+    """Return the commands under a heading of a README, as a reader would copy them."""
+    section = (folder / "README.md").read_text().split(f"## {heading}\n")[1].split("\n## ")[0]
+    return [line for block in re.findall(r"```sh\n(.*?)```", section, re.S) for line in block.splitlines()]
 
 
 def shell(command, folder, **environment):
@@ -54,6 +54,16 @@ def shell(command, folder, **environment):
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+def flash_with_nothing(command, folder, tools):
+    """Run a command of a README with tools that only say how they were called; return that."""
+    for name in ("openocd", "dfu-util"):
+        (tools / name).unlink(missing_ok=True)
+        (tools / name).write_text('#!/bin/sh\necho "called: ${0##*/} $*"\n')
+        (tools / name).chmod(0o755)
+    told = shell(command, folder, PATH=str(tools))
+    return next(line.removeprefix("called: ") for line in told.splitlines() if line.startswith("called: "))
 
 
 def firmware(*arguments):
@@ -100,7 +110,7 @@ def test_a_project_builds_by_its_readmes_commands_alone(board, tmp_path):
     for tool in Path("/usr/bin").iterdir():
         if not tool.name.startswith(("ninja", "python", "servolve")):
             (tools / tool.name).symlink_to(tool)
-    for command in readme_commands(folder):
+    for command in readme_commands(folder, "Build"):
         shell(command, folder, PATH=str(tools), CFLAGS="-Werror")
     image = folder / "build" / load_board(board).elf
     assert image.is_file()
@@ -108,6 +118,9 @@ def test_a_project_builds_by_its_readmes_commands_alone(board, tmp_path):
         assert subprocess.run([image], stdin=subprocess.DEVNULL, capture_output=True, check=False).returncode == 0
     else:
         assert (folder / "build" / "firmware.bin").stat().st_size == image_size(image)["text_bytes"]
+        flashed = [flash_with_nothing(command, folder, tools) for command in readme_commands(folder, "Flash")]
+        assert [line.split()[0] for line in flashed] == ["openocd", "dfu-util"]
+        assert f"program {image} verify reset exit" in flashed[0] and str(image.with_suffix(".bin")) in flashed[1]
 
 
 def test_a_project_builds_with_ninja_and_again_without_work(tmp_path):
