@@ -1,167 +1,241 @@
-"""The console stream of firmware: records and text apart, whatever comes, and numbers that mean what C means."""
+"""The firmware's command line, on a robot whose runs never come: only words go in, only wishes and words come out."""
 
-import random
-import re
-import struct
+import ctypes
+import subprocess
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
-from firmware_runs import STS3215, XC330
+from hypothesis import example, given
+from hypothesis import strategies as st
+from rig_bench import RIG, sway
 
-import firmware_gen
-from deploy.firmware import findings, reasons, records
-from deploy.firmware.console_decoder import RECORD_BYTES_MAX, ConsoleDecoder, Damaged, Text, crc16
-from deploy.firmware.reasons import PLAIN, Reason, Why, sentence
-from deploy.states import State
+from firmware_gen.rig_config import rig_header, rig_source
+from firmware_gen.unit import make_unit
 
-SHAPE = records.Shape(3, 7, 7, 3)
-RUNTIME = Path(firmware_gen.__file__).parent / "runtime"
-
-
-def cobs(data):
-    """Return the code by its definition: each zero is replaced by the distance to the next one."""
-    zeros = [i for i, byte in enumerate(data) if byte == 0]
-    ends = [*zeros, len(data)]
-    begin, code = 0, b""
-    for end in ends:
-        assert end - begin < 254
-        code += bytes([end - begin + 1]) + data[begin:end]
-        begin = end + 1
-    return code
-
-
-def coded(number, layout, *fields):
-    body = bytes([number]) + struct.pack(f"<{layout}", *fields)
-    return b"\0" + cobs(body + struct.pack("<H", crc16(body))) + b"\0"
-
-
-def decoded(data, parts=1):
-    decoder = ConsoleDecoder(SHAPE)
-    size = max(1, -(-len(data) // parts))
-    pieces = [piece for i in range(0, len(data), size) for piece in decoder.feed(data[i : i + size])]
-    return [*pieces, *decoder.end()]
-
-
-EVENT = coded(7, "qBBii", 123456789, 1, 255, 0, -5)
-STATE = coded(2, "qBBBBii", 42, 3, 4, 4, 255, 0, 0)
-
-
-def test_the_crc_is_that_of_dynamixels_manual():
-    """e-Manual, protocol2, CRC: of a ping's bytes, whose CRC on the wire is 0x4e19."""
-    assert crc16(bytes.fromhex("fffffd00010300 01")) == 0x4E19
-
-
-def test_records_and_text_come_apart_in_any_cut():
-    stream = b"servolve: try help\r\n" + EVENT + b"ok\r\nok\r\n" + STATE + EVENT + b"fault 33\r\n"
-    expected = [
-        Text("servolve: try help"),
-        records.Event(123456789, 1, 255, 0, -5),
-        Text("ok"),
-        Text("ok"),
-        records.Change(42, 3, 4, 4, 255, 0, 0),
-        records.Event(123456789, 1, 255, 0, -5),
-        Text("fault 33"),
-    ]
-    for parts in (1, 2, 7, len(stream)):
-        assert decoded(stream, parts) == expected
-
-
-def test_a_lost_zero_costs_no_other_record():
-    stream = EVENT + STATE[1:] + b"ok\r\n" + EVENT
-    found = [piece for piece in decoded(stream) if isinstance(piece, records.Event)]
-    assert len(found) == 2
-    assert [piece for piece in decoded(EVENT[1:] + STATE + EVENT[:-1]) if not isinstance(piece, Text)] == [
-        records.Event(123456789, 1, 255, 0, -5),
-        records.Change(42, 3, 4, 4, 255, 0, 0),
-        records.Event(123456789, 1, 255, 0, -5),
-    ]
-
-
-def test_every_flipped_bit_is_noticed():
-    for place in range(8, 8 * (len(EVENT) - 1)):
-        damaged = bytearray(EVENT)
-        damaged[place // 8] ^= 1 << place % 8
-        pieces = decoded(bytes(damaged) + STATE)
-        assert records.Event(123456789, 1, 255, 0, -5) not in pieces
-        assert pieces[-1] == records.Change(42, 3, 4, 4, 255, 0, 0)
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_garbage_is_neither_a_record_nor_kept(seed):
-    rng = random.Random(seed)
-    decoder = ConsoleDecoder(SHAPE)
-    for _ in range(200):
-        for piece in decoder.feed(rng.randbytes(rng.randrange(400))):
-            assert isinstance(piece, (Text, Damaged))
-        assert len(decoder._piece) <= 512
-    for piece in decoder.feed(bytes([rng.randrange(1, 256)]) * 5000):
-        assert isinstance(piece, (Text, Damaged))
-    assert len(decoder._piece) <= 512
-    assert list(decoder.feed(b"\0" + EVENT))[-1] == records.Event(123456789, 1, 255, 0, -5)
-
-
-@pytest.mark.parametrize("number", range(12))
-def test_a_body_that_is_too_short_or_too_long_is_no_record(number):
-    sizes = {1: 10, 2: 20, 3: 25, 4: 25, 6: 12 + 0x81, 7: 18, 8: 41, 9: 12 + 0x81}
-    for size in range(0, RECORD_BYTES_MAX - 3):
-        body = bytes([number]) + b"\x81" * size  # a varint that does not end, in a cycle's
-        code = bytes([len(body) + 3]) + body + struct.pack("<H", crc16(body))
-        if 0 in code or len(code) > 254:
-            continue
-        pieces = decoded(b"\0" + code + b"\0")
-        right = [piece for piece in pieces if not isinstance(piece, (Text, Damaged))]
-        assert len(right) == (size == sizes.get(number)), (size, pieces)
-
-
-def enumeration(header, prefix):
-    """Return the names and numbers of an enumeration of C."""
-    text = (RUNTIME / header).read_text()
-    return {name: int(number) for name, number in re.findall(rf"\b{prefix}(\w+) = (\d+)", text)}
-
-
-def test_the_numbers_are_those_of_the_headers():
-    assert enumeration("sv_reason.h", "SV_REASON_") == {one.name: one.value for one in Reason}
-    assert enumeration("sv_reason.h", "SV_FINDING_") == {one.name: one.value for one in findings.Kind}
-    states = enumeration("sv_reason.h", "SV_STATE_")
-    assert states == {state.name: number for number, state in enumerate(State)}
-    assert sorted(enumeration("sv_record.h", "SV_RECORD_").values()) == sorted(records._PARSERS)
-    assert enumeration("sv_reason.h", "SV_EVENT_") == {"RELEASED": 1, "UNSURE": 2, "HELD": 3}
-    limit = re.search(r"#define SV_RECORD_MAX (\d+)", (RUNTIME / "sv_record.h").read_text())
-    assert int(limit[1]) == RECORD_BYTES_MAX
-
-
-NUMBERS = {
-    Reason.LATE: (0, 4, 0),
-    Reason.SILENT: (255, 4, 0),
-    Reason.CORRUPT: (1, 4, 1),
-    Reason.REFUSED: (1, 4, 4 << 8),
-    Reason.HARDWARE: (1, 0x20, 0x35),
-    Reason.STALE: (0, 70000, 60000),
-    Reason.JUMP: (0, 3100, 20000),
-    Reason.TRACKING: (0, 950, 520000),
-    Reason.OUTSIDE: (0, 1900, 0),
-    Reason.TILT: (255, 1300, 0),
-    Reason.HOT: (2, 71, 0),
-    Reason.LOW: (2, 3900, 0),
-    Reason.OVERRUN: (255, 6, 0),
-    Reason.SETTING: (1, 84, 2 << 16),
-    Reason.TORQUE_UNSURE: (255, 0b101, 0),
-    Reason.RESET: (255, 1, 0),
+ROOT = Path(__file__).parents[1]
+RUNTIME, SHARED = ROOT / "firmware_gen" / "runtime", ROOT / "controller" / "runtime"
+HAL = """
+#include "rig.h"
+#include "sv_console.h"
+#include "sv_hal.h"
+static sv_robot robot;
+static const uint8_t* typed;
+static int32_t ntyped, nsaid;
+static uint32_t inputs;
+static char said[4096];
+void boot(void);
+void press(uint32_t active);
+const sv_wish* type(const uint8_t* bytes, int32_t n);
+const char* answer(void);
+int32_t decimal(const char* text, float* value);
+void boot(void) {
+  static float memory[64];
+  typed = 0;
+  ntyped = nsaid = 0;
+  sv_robot_init(&robot, &servolve_rig, 0, 0, memory, memory);
 }
+void press(uint32_t active) { inputs = active; }
+const sv_wish* type(const uint8_t* bytes, int32_t n) {
+  typed = bytes;
+  ntyped = n;
+  nsaid = 0;
+  while (ntyped > 0) {
+    sv_console_listen(&robot);
+  }
+  sv_console_listen(&robot);
+  return &robot.wish;
+}
+const char* answer(void) {
+  said[nsaid] = 0;
+  return said;
+}
+int32_t decimal(const char* text, float* value) {
+  sv_decimal number;
+  const char* rest = sv_decimal_parse(text, &number);
+  *value = rest ? sv_decimal_float(&number) : 0.0F;
+  return rest != 0 && *rest == 0;
+}
+void sv_hal_init(void) {}
+int64_t sv_hal_now_us(void) { return 0; }
+void sv_hal_wait(int64_t until_us) { (void)until_us; }
+int32_t sv_hal_read(int32_t line, uint8_t* data, int32_t size) {
+  int32_t n = 0;
+  while (line == SV_LINE_CONSOLE && n < size && ntyped > 0) {
+    data[n++] = *typed++;
+    ntyped--;
+  }
+  return n;
+}
+int32_t sv_hal_write(int32_t line, const uint8_t* data, int32_t size) {
+  for (int32_t i = 0; i < size && line == SV_LINE_CONSOLE && nsaid < 4000; i++) {
+    said[nsaid++] = (char)data[i];
+  }
+  return size;
+}
+uint32_t sv_hal_inputs(void) { return inputs; }
+void sv_hal_feed_watchdog(void) {}
+int32_t sv_hal_reset_cause(void) { return SV_RESET_POWER; }
+"""
+PROGRAM = """
+#include "sv_program.h"
+void sv_reset(const sv_program* program, float* registers, float* state) {
+  (void)program, (void)registers, (void)state;
+}
+void sv_step(const sv_program* program, float dt, const float* inputs, float* registers, float* state, float* outputs) {
+  (void)program, (void)dt, (void)inputs, (void)registers, (void)state, (void)outputs;
+}
+int32_t sv_verify(const sv_program* program) { return program == 0; }
+"""
+FLAGS = "-std=c99 -O1 -Wall -Wextra -Wconversion -Wmissing-prototypes -Werror -ffp-contract=off -fsanitize=undefined"
 
 
-@pytest.mark.parametrize("task", [XC330, STS3215], ids=lambda task: task.rig.name)
-@pytest.mark.parametrize("reason", [one for one in Reason if one not in PLAIN and one is not Reason.BLOCKED])
-def test_every_fault_has_its_sentence(task, reason):
-    joint, a, b = NUMBERS.get(reason, (0, 1, 0))
-    said = sentence(Why(reason, joint, a, b), task.rig, "virtual")
-    assert "see sv_reason.h" not in said
-    assert len(said) > 20
+class Wish(ctypes.Structure):
+    """Mirror `sv_wish` of sv_robot.h."""
+
+    _fields_ = (
+        ("goal_dist", ctypes.c_float),
+        ("goal_bearing", ctypes.c_float),
+        ("periods", ctypes.c_int32),
+        ("derate", ctypes.c_float),
+        ("arm", ctypes.c_uint8),
+        ("start", ctypes.c_uint8),
+        ("stop", ctypes.c_uint8),
+    )
 
 
-def test_a_number_that_nobody_knows_is_told_as_it_is():
-    for why in (Why(99, 0, 1, 2), Why(Reason.HARDWARE, 9, 1, 0), Why(Reason.STALE, 200, 1, 2)):
-        assert f"reason {why.reason}" in sentence(why, XC330.rig, "virtual")
-    odd = records.Found(0, 1, 77, 0, 3, 1, 2, 3)
-    assert "77" in findings.finding(odd, XC330.rig, "virtual", {}).text
-    assert reasons.unsure_joints(XC330.rig, 0xFFFF) == list(XC330.rig.joints)
+class Console:
+    """A robot that has booted, at whose console a test types."""
+
+    def __init__(self, library):
+        self.library = library
+        library.type.restype = ctypes.POINTER(Wish)
+        library.answer.restype = ctypes.c_char_p
+        self.boot()
+
+    def boot(self):
+        self.library.press(0)
+        self.library.boot()
+
+    def type(self, words):
+        wish = self.library.type(words, len(words)).contents
+        self.answer = self.library.answer()
+        return wish
+
+    def number(self, text):
+        value = ctypes.c_float()
+        return value.value if self.library.decimal(text.encode(), ctypes.byref(value)) else None
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("console")
+    texts = {"rig.c": rig_source(RIG, sway()), "rig.h": rig_header(RIG, make_unit(sway())), "hal.c": HAL}
+    for name, text in (texts | {"program.c": PROGRAM}).items():
+        (folder / name).write_text(text)
+    sources = [str(path) for path in sorted(RUNTIME.glob("*.c")) if path.name != "main.c"]
+    sources += [str(SHARED / f"sv_{name}.c") for name in ("cycle", "homing", "schedule")]
+    sources += [str(folder / name) for name in ("rig.c", "hal.c", "program.c")]
+    command = ["gcc", *FLAGS.split(), "-fsanitize-undefined-trap-on-error", "-shared", "-fPIC"]
+    includes = [f"-I{folder}", f"-I{RUNTIME}", f"-I{SHARED}"]
+    subprocess.run([*command, *includes, *sources, "-o", str(folder / "console.so")], check=True)
+    return Console(ctypes.CDLL(str(folder / "console.so")))
+
+
+@pytest.fixture
+def console(built):
+    built.boot()
+    return built
+
+
+def test_commands_set_what_a_run_is_asked_to_do(console):
+    wish = console.type(b"goal 0.35 -1.5\nseconds 7.5\r\nderate 0.25\narm\n")
+    assert console.answer == b"ok\r\n" * 4
+    assert (wish.goal_dist, wish.goal_bearing, wish.periods) == (np.float32(0.35), -1.5, 375)
+    assert (wish.derate, wish.arm, wish.start) == (0.25, 1, 0)
+    wish = console.type(b"goal -2\ndisarm\nstart\n")
+    assert (wish.goal_dist, wish.goal_bearing, wish.arm, wish.start) == (-2.0, 0.0, 0, 1)
+
+
+def test_while_a_run_goes_on_only_stop_and_status_are_heard(console):
+    console.type(b"start\n")
+    wish = console.type(b"goal 3\narm\nstart\nseconds 1\n")
+    assert console.answer == b"busy: stop, or wait\r\n" * 4
+    assert (wish.goal_dist, wish.arm, wish.stop) == (0.0, 0, 0)
+    assert console.type(b"status\nstop\n").stop == 16
+    assert console.answer.startswith(b"off disarmed, ended by 0")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(
+            b"goal",
+            b"goal x",
+            b"goal 1 2 3",
+            b"goal 1e3",
+            b"goal 1001",
+            b"goal nan",
+            b"goal 1.",
+            b"goal .",
+            b"goal --1",
+        ),
+        *(b"goal 0.1234567890", b"goal 1234567891", b"seconds -1", b"seconds 4000", b"seconds 0.0000001", b"derate 0"),
+        *(b"derate 1.1", b"derate -0.5", b"armed", b"go", b"x" * 39, b"start" * 20, b"arm" + b" " * 40, b"\xff\0arm"),
+    ],
+)
+def test_what_is_no_command_changes_nothing(console, words):
+    before = bytes(console.type(b""))
+    assert bytes(console.type(words + b"\n")) == before
+    assert console.answer == b"what? try help\r\n"
+
+
+def test_the_start_input_arms_and_starts_once_it_was_seen_open(console):
+    console.library.press(2)
+    console.library.boot()
+    assert console.type(b"").start == 0
+    console.library.press(0)
+    console.type(b"")
+    console.library.press(2)
+    wish = console.type(b"")
+    assert (wish.arm, wish.start, wish.stop) == (1, 1, 0)
+    console.library.press(1)
+    assert console.type(b"").stop == 17
+
+
+@given(digits=st.text("0123456789", min_size=1, max_size=9), point=st.integers(0, 9), minus=st.booleans())
+@example("16777217", 8, False)
+@example("8388609", 1, True)
+def test_decimals_are_rounded_once(built, digits, point, minus):
+    point = min(point, len(digits) - 1)
+    text = "-" * minus + digits[: len(digits) - point] + "." * (point > 0) + digits[len(digits) - point :]
+    value = built.number(text)
+    exact = Fraction(Decimal(text))
+    near = np.float32(float(exact))
+    candidates = [near, np.nextafter(near, np.float32(np.inf)), np.nextafter(near, np.float32(-np.inf))]
+    distance = abs(Fraction(value) - exact)
+    assert distance == min(abs(Fraction(float(other)) - exact) for other in candidates)
+    ties = [other for other in candidates if abs(Fraction(float(other)) - exact) == distance]
+    assert len(ties) == 1 or np.float32(value).view(np.uint32) % 2 == 0
+
+
+@given(seconds=st.integers(0, 3_999_999_999))
+def test_lengths_are_whole_periods_rounded_as_the_host_rounds(built, seconds):
+    built.boot()
+    text = f"{seconds // 10**6}.{seconds % 10**6:06d}".rstrip("0").rstrip(".")
+    wish = built.type(f"seconds {text}\n".encode())
+    expected = round(Fraction(seconds, 20_000))
+    assert wish.periods == (expected if len(text.replace(".", "").lstrip("0")) <= 9 else 500)
+
+
+@given(words=st.one_of(st.binary(max_size=300), st.text("goalsecndrtimup .0123456789-\r\n").map(str.encode)))
+def test_no_bytes_do_harm(built, words):
+    built.boot()
+    wish = built.type(words)
+    assert 0.0 < wish.derate <= 1.0
+    assert 0 <= wish.periods <= 200_000
+    assert abs(wish.goal_dist) <= 1000.0
+    assert abs(wish.goal_bearing) <= 1000.0
+    assert wish.stop in (0, 16)
