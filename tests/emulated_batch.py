@@ -89,7 +89,7 @@ def build_images(folder: Path, target: Target, controllers: Sequence[Controller]
         objects = [*(f"{name}.o" for name in names[first:end]), *(f"{path.stem}.o" for path in [*own, glue])]
         path = folder / f"image{first}.elf"
         link = ["-nostartfiles", f"-L{BITS}", f"-T{BITS / target.machine}.ld", "-o", str(path)]
-        _run(["arm-none-eabi-gcc", *target.flags, *objects, *link], folder)
+        run_tool(["arm-none-eabi-gcc", *target.flags, *objects, *link], folder)
         images.append(Image(path, target, first, tuple(controllers[first:end])))
     return images
 
@@ -99,12 +99,12 @@ def compile_c(folder: Path, target: Target, flags: Sequence[str], sources: Seque
     if sources:
         paths = [f"-I{RUNTIME}", f"-I{BITS}", f"-I{folder}"]
         command = ["arm-none-eabi-gcc", *target.flags, *WARNINGS, *flags, *paths, "-c", *map(str, sources)]
-        _run(command, folder)
+        run_tool(command, folder)
 
 
 def disassemble(path: Path) -> list[str]:
     """Return the mnemonics of an object or image."""
-    text = _run(["arm-none-eabi-objdump", "-d", "--no-show-raw-insn", str(path)], path.parent)
+    text = run_tool(["arm-none-eabi-objdump", "-d", "--no-show-raw-insn", str(path)], path.parent)
     return re.findall(r"^\s*[0-9a-f]+:\t(\S+)", text, re.MULTILINE)
 
 
@@ -123,7 +123,9 @@ def run_image(image: Image, jobs: Sequence[Sequence[npt.ArrayLike]], lengths: Se
     (folder / "jobs").write_bytes(b"".join(_bytes(part) for job in jobs for part in job))
     (folder / "answers").unlink(missing_ok=True)
     command = ["qemu-system-arm", "-M", image.target.machine, "-kernel", str(image.path), "-display", "none"]
-    _run([*command, "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"], folder)
+    run_tool(
+        [*command, "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"], folder
+    )
     answers = np.fromfile(folder / "answers", "<u4")
     assert len(answers) == sum(lengths)
     return np.split(answers, np.cumsum(lengths)[:-1])
@@ -175,7 +177,7 @@ def _bytes(part: npt.ArrayLike) -> bytes:
 
 
 def _sizes(folder: Path, names: Sequence[str]) -> list[int]:
-    text = _run(["arm-none-eabi-size", *(f"{name}.o" for name in names)], folder) if names else ""
+    text = run_tool(["arm-none-eabi-size", *(f"{name}.o" for name in names)], folder) if names else ""
     return [int(line.split()[0]) for line in text.splitlines()[1:]]
 
 
@@ -202,9 +204,9 @@ def _glue(names: Sequence[str]) -> str:
     return "\n".join([*lines, "    {0, 0, 0, 0, 0}};", ""])
 
 
-def _run(command: Sequence[str], folder: Path) -> str:
+def run_tool(command: Sequence[str], folder: Path) -> str:
     """Run a program of the toolchain; return what it prints."""
     assert shutil.which(command[0]), f"{command[0]} is not installed; .ci/system-packages fetches it"
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS_MAX)
     assert done.returncode == 0, f"{' '.join(command[:6])} … ended with {done.returncode}: {done.stderr[-2000:]}"
-    return done.stdout
+    return done.stdout + done.stderr
