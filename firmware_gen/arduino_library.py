@@ -22,6 +22,15 @@ _ROUND_TWICE: Final = """\
 #endif
 
 """
+_IN_FLASH: Final = """\
+// an AVR copies constants to its small RAM unless they are said to stay in flash
+#if defined(__FLASH)
+#define SERVOLVE_FLASH __flash
+#else
+#define SERVOLVE_FLASH
+#endif
+
+"""
 _KEYWORDS: Final = (
     ("ServolveBoard", "KEYWORD1"),
     ("ServolveBus", "KEYWORD1"),
@@ -63,12 +72,18 @@ def library_files(controller: Controller, rig: Rig, unit: Unit, files: Mapping[s
             sketch = f"{unit.name}_{place.stem}"
             library[f"examples/{sketch}/{sketch}.ino"] = text.replace("{header}", header).replace("{title}", title)
         else:
-            library[f"src/{place.name}"] = _rounding_twice(text) if place.suffix in (".c", ".cpp") else text
+            library[f"src/{place.name}"] = _source(text, place, unit)
     return library
 
 
-def _rounding_twice(text: str) -> str:
-    return text if "fp-contract=off" in text else _ROUND_TWICE + text
+def _source(text: str, place: PurePosixPath, unit: Unit) -> str:
+    if place.name == f"{unit.name}.c":
+        # the selftest's recorded run is large, and read by index only
+        table = f"uint32_t {unit.name}_recorded_"
+        return _IN_FLASH + text.replace(f"static const {table}", f"static const SERVOLVE_FLASH {table}")
+    if place.suffix in (".c", ".cpp") and "fp-contract=off" not in text:
+        return _ROUND_TWICE + text
+    return text
 
 
 def _arduino(name: str, header: str, title: str) -> str:

@@ -27,7 +27,7 @@ COMMON = ["-c", "-Os", "-ffunction-sections", "-fdata-sections", "-flto"]
 C = [*COMMON, "-std=gnu11", "-fno-fat-lto-objects"]
 CPP = [*COMMON, "-std=gnu++11", "-fpermissive", "-fno-exceptions", "-fno-threadsafe-statics"]
 STRICT = ["-Wall", "-Wextra", "-Werror"]
-FLASH, RAM, STACK_MIN = 253_952, 8192, 700
+FLASH, RAM, STACK_MIN = 253_952, 8192, 1500
 
 
 def run_command(*command, cwd):
