@@ -136,6 +136,8 @@ def write_project(project: Project, folder: Path, force: bool = False) -> None:
         for path, text in project.files.items():
             place = folder / path
             place.parent.mkdir(parents=True, exist_ok=True)
+            if place.is_symlink():
+                place.unlink()  # what it points to is somebody else's
             if not place.is_file() or place.read_bytes() != text.encode():
                 place.write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:

@@ -263,8 +263,11 @@ def test_a_link_to_elsewhere_is_no_file_of_the_project(tmp_path):
     shutil.copy(hal, tmp_path / "hal.c")
     hal.unlink()
     hal.symlink_to(tmp_path / "hal.c")
+    (tmp_path / "hal.c").write_text("// mine\n")
     with pytest.raises(InputError, match="was changed"):
         write_project(project_of(), tmp_path / "out")
+    write_project(project_of(), tmp_path / "out", force=True)
+    assert not hal.is_symlink() and (tmp_path / "hal.c").read_text() == "// mine\n"
 
 
 # sentences
