@@ -45,3 +45,11 @@ def test_the_evolved_lamp_keeps_its_budget():
     assert lamp["text_bytes"] <= 1536 / ABOVE_MAX
     for cycles in (lamp["cycles_all_hits"], lamp["cycles_all_misses"]):
         assert cycles / 168 <= 10 / ABOVE_MAX  # [µs]
+
+
+def test_the_page_says_what_is_on_record():
+    page = (GOLDEN.parents[1] / "docs" / "transpile.md").read_text(encoding="utf-8")
+    for lamp in RECORDED.values():
+        hits, misses = (f"{lamp[f'cycles_all_{kind}'] / 168:.1f} µs {kind}" for kind in ("hits", "misses"))
+        row = f"{lamp['text_bytes']} B | | {lamp['stack_bytes']} B | {lamp['instructions']} | {hits}, {misses} |"
+        assert row in page

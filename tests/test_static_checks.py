@@ -99,6 +99,12 @@ def test_every_rule_that_is_deviated_from_is_needed(tmp_path):
     assert found <= set(DEVIATIONS) and set(DEVIATIONS) - found <= {"8.7"}
 
 
+def test_the_page_names_every_deviation(request):
+    page = (request.config.rootpath / "docs" / "transpile.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+\.\d+) \| (.*) \|$", page, re.M)
+    assert {rule: why.replace("`", "") for rule, why in rows} == dict(DEVIATIONS)
+
+
 def test_software_floats_need_a_library_and_have_bounds(tmp_path):
     footprint = measure_footprint(transpile(made(), tmp_path, "made"), CORTEX_M0_TARGET, "-Os")
     assert footprint.library_bytes > 1000 and footprint.refusals == {}
