@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from select import select
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import IO, Final, Protocol
 
 from controller.errors import InputError, RunError
 from deploy.firmware.elf import Symbol, read_symbols
@@ -107,9 +107,13 @@ class Qemu:
         self._sizes: list[int] = []
         self._lr: int | None = None
         self._rings: tuple[_Ring, ...] = ()
-        self.stub.describe()
-        for name in ("sv_hal_init", "sv_hal_wait", "board_send_bus"):
-            self.stub.add_breakpoint(self._symbols[name].address)
+        try:
+            self.stub.describe()
+            for name in ("sv_hal_init", "sv_hal_wait", "board_send_bus"):
+                self.stub.add_breakpoint(self._symbols[name].address)
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def pid(self) -> int:
@@ -135,7 +139,9 @@ class Qemu:
         return self._symbols[name]
 
     def resume(self, given: Given) -> Taken:
-        """Wake the image and let it work until it waits; the first call boots it.
+        """Wake the image and let it work until it waits.
+
+        The first call boots the image, lets it come to its first wait, and wakes it there with what is given.
 
         Args:
             given: what has come since the last call
@@ -280,14 +286,14 @@ def _move(register: int, value: int) -> bytes:
 
 def _start(
     image: Path, machine: str, board: EmulatedBoard
-) -> tuple[subprocess.Popen[bytes], dict[str, socket.socket], tempfile._TemporaryFileWrapper[bytes]]:
+) -> tuple[subprocess.Popen[bytes], dict[str, socket.socket], IO[bytes]]:
     """Start QEMU, standing still, with a socket pair for the debugger and for each line: nobody else can connect."""
     pairs = {name: socket.socketpair() for name in ("gdb", *_LINES)}
     chardevs = [f"socket,id={name},fd={far.fileno()}" for name, (_, far) in pairs.items()]
     serials = ["null"] * (max(board.uarts) + 1)
     for line, uart in zip(_LINES, board.uarts, strict=True):
         serials[uart] = f"chardev:{line}"
-    words = tempfile.TemporaryFile()
+    words = tempfile.TemporaryFile()  # noqa: SIM115 — closed with the emulator
     process = subprocess.Popen(
         [
             *(QEMU, "-M", machine, "-kernel", str(image.resolve()), "-nodefaults", "-display", "none"),
@@ -312,8 +318,8 @@ def _die_with_parent() -> None:
     ctypes.CDLL(None).prctl(_DEATH_SIGNAL, signal.SIGKILL)
 
 
-def _end(process: subprocess.Popen[bytes], resources: Sequence[socket.socket | object]) -> None:
+def _end(process: subprocess.Popen[bytes], resources: Sequence[socket.socket | IO[bytes]]) -> None:
     process.kill()
     process.wait()
     for resource in resources:
-        resource.close()  # type: ignore[attr-defined]
+        resource.close()
