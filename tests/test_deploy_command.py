@@ -7,35 +7,18 @@ import subprocess
 import sys
 
 import pytest
+from lamp_controllers import NOD
 
 from deploy.log import read_log
 from deploy.realtime import realtime
 from servolve.cli import main
-
-CONTROLLER = """
-program = "(list (* 8 (osc-wave 1 0)) (* 5 (osc-wave 1 0.25)) 0)"
-[controller]
-name = "nod"
-period_s = 0.02
-slew_rad_s = 5.0
-[provenance]
-time_limit_s = 0.5
-[[input]]
-name = "t"
-unit = "s"
-low = 0
-high = 10
-""" + "".join(
-    f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60\nhigh = 60\nneutral = 0\n'
-    for name in ("a0", "a1", "a2")
-)
 
 
 @pytest.fixture
 def deploy(tmp_path, capsys):
     """Return a function that runs the command and gives status, standard output and standard error."""
     path = tmp_path / "nod.controller.toml"
-    path.write_text(CONTROLLER)
+    path.write_text(NOD)
 
     def run(*arguments, controller=str(path)):
         status = main(["deploy", controller, "--rig", "lamp-xc330", *arguments])
@@ -133,7 +116,7 @@ def test_wrong_arguments_are_one_sentence_and_status_2(deploy, arguments, senten
 
 def test_a_controller_without_a_slew_limit_is_warned_of(deploy, tmp_path):
     path = tmp_path / "quick.controller.toml"
-    path.write_text(CONTROLLER.replace("slew_rad_s = 5.0\n", "filter = 0.5\n"))
+    path.write_text(NOD.replace("slew_rad_s = 5.0\n", "filter = 0.5\n"))
     status, out, err = deploy("--json", controller=str(path))
     text = "controller nod: has no slew limit (slew_rad_s); its goals may jump by 1 rad a period"
     assert status == 0 and json.loads(out)["findings"] == [text]  # half of -60 to 60 degrees
@@ -166,7 +149,7 @@ def test_realtime_is_given_back():
 
 def test_a_controller_that_does_not_fit_the_rig_is_refused(deploy, tmp_path):
     path = tmp_path / "other.controller.toml"
-    path.write_text(CONTROLLER.replace('name = "t"', 'name = "s7"'))
+    path.write_text(NOD.replace('name = "t"', 'name = "s7"'))
     status, _, err = deploy(controller=str(path))
     assert status == 2
     assert "can not supply 's7'" in err and err.count("\n") == 1

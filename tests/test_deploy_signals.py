@@ -7,6 +7,7 @@ import subprocess
 import termios
 
 import pytest
+from lamp_controllers import SWAY
 from served_rig import read_bytes, servolve
 
 from controller import load_rig
@@ -15,21 +16,6 @@ from deploy.replay import replay
 
 RIG = load_rig("lamp-xc330")
 
-CONTROLLER = """
-program = "(list (* 8 (osc-wave 0.5 0)) (* 0.1 px) 0)"
-[controller]
-name = "sway"
-period_s = 0.02
-[[input]]
-name = "px"
-unit = "m"
-low = -2
-high = 2
-""" + "".join(
-    f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60\nhigh = 60\nneutral = 0\n'
-    for name in ("a0", "a1", "a2")
-)
-
 
 @pytest.fixture
 def server(serve_rig):
@@ -37,7 +23,7 @@ def server(serve_rig):
 
 
 def deploy(tmp_path, port, *arguments, seconds="60", log="run.mcap", stdin=subprocess.DEVNULL):
-    (tmp_path / "sway.controller.toml").write_text(CONTROLLER)
+    (tmp_path / "sway.controller.toml").write_text(SWAY)
     return servolve(
         *("deploy", f"{tmp_path}/sway.controller.toml", "--rig", "lamp-xc330", "--port", port),
         *("--sensor-port", f"{tmp_path}/sensors", "--log", f"{tmp_path}/{log}", "--seconds", seconds, *arguments),

@@ -6,6 +6,7 @@ import time
 from contextlib import closing
 
 import pytest
+from lamp_controllers import NOD
 from rich.console import Console
 from served_rig import serve
 
@@ -22,22 +23,6 @@ from servolve.reading_table import reading_table
 
 RIGS = [name for name in rig_names() if not load_rig(name).simulated_only]
 PATIENCE_S = 60.0  # the machine may be busy
-
-NOD = """
-program = "(list (* 8 (osc-wave 1 0)) 0 0)"
-[controller]
-name = "nod"
-period_s = 0.02
-slew_rad_s = 5.0
-[[input]]
-name = "t"
-unit = "s"
-low = 0
-high = 10
-""" + "".join(
-    f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -30\nhigh = 30\nneutral = 0\n'
-    for name in ("a0", "a1", "a2")
-)
 
 
 def rows(text):

@@ -8,6 +8,7 @@ import random
 import time
 
 import pytest
+from lamp_controllers import SWAY
 from manual import scs_text
 
 from controller.controller_file import load_controller, parse_controller
@@ -347,21 +348,7 @@ def short_log(tmp_path_factory):
     from servolve.cli import main
 
     folder = tmp_path_factory.mktemp("log")
-    text = """format = 1
-program = "(list (* 8 (osc-wave 0.5 0)) (* 0.1 px) 0)"
-[controller]
-name = "sway"
-period_s = 0.02
-[[input]]
-name = "px"
-unit = "m"
-low = -2
-high = 2
-""" + "".join(
-        f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60\nhigh = 60\nneutral = 0\n'
-        for name in ("a0", "a1", "a2")
-    )
-    (folder / "sway.controller.toml").write_text(text)
+    (folder / "sway.controller.toml").write_text(SWAY)
     log = folder / "run.mcap"
     arguments = ["deploy", f"{folder}/sway.controller.toml", "--rig", RIG.name, "--port", "virtual", "--log", f"{log}"]
     assert main([*arguments, "--seconds", "0.1"]) == 0

@@ -6,6 +6,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lamp_controllers import OUTPUTS
 from mcap.reader import make_reader
 
 from controller.errors import InputError
@@ -27,10 +28,7 @@ slew_rad_s = 2.0
     f'[[input]]\nname = "{name}"\nunit = "{unit}"\nlow = -10\nhigh = 20\n'
     for name, unit in (("t", "s"), ("a0", "rad"), ("px", "m"), ("s0", "N"))
 )
-CONTROLLER += "".join(
-    f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60\nhigh = 60\nneutral = 0\n'
-    for name in ("a0", "a1", "a2")
-)
+CONTROLLER += OUTPUTS
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from wheel_body import HINGE, wheel_body
 
 from controller.products import PRODUCTS
 from controller.rig_file import load_rig
@@ -11,22 +12,6 @@ from deploy.virtual.drive import Drive, Law
 from deploy.virtual.plant import Plant
 from deploy.virtual.twin import Twin
 
-BENCH = """
-<mujoco>
-  <option integrator="implicitfast"/>
-  <worldbody>
-    <geom name="floor" type="plane" size="0 0 1"/>
-    <body name="base" pos="0 0 0.1">
-      <freejoint name="root"/>
-      <geom name="foot" type="sphere" size="0.1" mass="10000"/>
-      <body name="wheel" pos="0 0 0.2">
-        <joint name="k" type="hinge" axis="0 0 1"/>
-        <inertial pos="0 0 0" mass="0.1" diaginertia="{inertia} {inertia} {inertia}"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
 INERTIA = 2e-3
 STEP_S = 1e-3
 
@@ -35,12 +20,11 @@ class Bench:
     """Turn a wheel about a vertical axis with one product's motor, and reckon what it should do."""
 
     def __init__(self, product, folder, twin=None, **changes):
-        body = folder / "bench.xml"
-        body.write_text(BENCH.format(inertia=INERTIA))
+        body = wheel_body(folder, INERTIA)
         lamp = load_rig("lamp-xc330")
         self.product = replace(PRODUCTS[product], **changes)
         joint = replace(
-            lamp.joints[0], mjcf_joint="k", product=self.product, zero_tick=self.product.center_tick, neutral_rad=0.0
+            lamp.joints[0], mjcf_joint=HINGE, product=self.product, zero_tick=self.product.center_tick, neutral_rad=0.0
         )
         self.rig = replace(lamp, body=body, joints=(joint,), sensors=(), supply_v=self.product.voltage_v)
         self.plant = Plant(self.rig, twin or Twin(), "limp")

@@ -8,27 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from wheel_body import HINGE, wheel_body
 from wire import LAMP, Wire
 
 from controller.products import PRODUCTS
 from controller.registers import registers
 
-BENCH = """
-<mujoco>
-  <option integrator="implicitfast"/>
-  <worldbody>
-    <geom name="floor" type="plane" size="0 0 1"/>
-    <body name="base" pos="0 0 0.1">
-      <freejoint name="root"/>
-      <geom name="foot" type="sphere" size="0.1" mass="10000"/>
-      <body name="wheel" pos="0 0 0.2">
-        <joint name="k" type="hinge" axis="0 0 1"/>
-        <inertial pos="0 0 0" mass="0.1" diaginertia="2e-3 2e-3 2e-3"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
+INERTIA = 2e-3
 START_RAD = -2.3
 WAY_RAD = 4.6
 ID = 1
@@ -40,11 +26,10 @@ class OnALine(Wire):
 
     def __init__(self, name, folder, *faults):
         product = PRODUCTS[name]
-        body = folder / "bench.xml"
-        body.write_text(BENCH)
+        body = wheel_body(folder, INERTIA)
         lines = registers(product)
         joint = replace(
-            LAMP.joints[0], id=ID, mjcf_joint="k", product=product, zero_tick=product.center_tick, sign=1, gains={}
+            LAMP.joints[0], id=ID, mjcf_joint=HINGE, product=product, zero_tick=product.center_tick, sign=1, gains={}
         )
         joint = replace(joint, neutral_rad=START_RAD, low_rad=-2.4, high_rad=2.4, ceiling=product.duty_full)
         family = joint.family
@@ -56,7 +41,7 @@ class OnALine(Wire):
         super().__init__(*faults, rig=rig)
         self.product, self.family = product, family
         self.count = {name: line.initial for name, line in lines.items()}
-        self.inertia = 2e-3 + product.armature_kg_m2
+        self.inertia = INERTIA + product.armature_kg_m2
         self.brake = product.stall_torque_nm / product.no_load_speed_rad_s + product.damping_nms_rad
         self.final = (product.stall_torque_nm - product.friction_loss_nm) / self.brake
         self.rad = 2.0 * math.pi / product.ticks_per_turn

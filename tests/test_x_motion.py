@@ -5,27 +5,13 @@ from dataclasses import replace
 
 import pytest
 from dynamixel_master import Master
+from wheel_body import HINGE, wheel_body
 
 from controller.products import PRODUCTS
 from controller.rig_file import load_rig
 from deploy.virtual import dynamixel2 as dxl
 
-WHEEL = """
-<mujoco>
-  <option integrator="implicitfast"/>
-  <worldbody>
-    <geom name="floor" type="plane" size="0 0 1"/>
-    <body name="base" pos="0 0 0.1">
-      <freejoint name="root"/>
-      <geom name="foot" type="sphere" size="0.1" mass="10000"/>
-      <body name="wheel" pos="0 0 0.2">
-        <joint name="k" type="hinge" axis="0 0 1"/>
-        <inertial pos="0 0 0" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
+INERTIA = 1e-3
 ALL = ("xl330-m288", "xc330-m181", "xl430-w250", "xm430-w350")
 MEASURES_CURRENT = ("xl330-m288", "xc330-m181", "xm430-w350")
 CURRENT, VELOCITY, POSITION, EXTENDED, CURRENT_POSITION, PWM = 0, 1, 3, 4, 5, 16
@@ -38,13 +24,12 @@ class Wheel(Master):
     """Ask one servo that turns a wheel about a vertical axis."""
 
     def __init__(self, product, folder):
-        body = folder / "wheel.xml"
-        body.write_text(WHEEL)
+        body = wheel_body(folder, INERTIA)
         self.product = PRODUCTS[product]
         lamp = load_rig("lamp-xc330")
         joint = replace(
             lamp.joints[0],
-            mjcf_joint="k",
+            mjcf_joint=HINGE,
             product=self.product,
             zero_tick=self.product.center_tick,
             neutral_rad=0.0,
@@ -54,7 +39,7 @@ class Wheel(Master):
         rig = replace(lamp, body=body, joints=(joint,), sensors=(), supply_v=self.product.voltage_v)
         super().__init__(rig, start="limp")
         self.servo = joint.id
-        self.inertia = 1e-3 + self.product.armature_kg_m2
+        self.inertia = INERTIA + self.product.armature_kg_m2
         self.brake = self.product.stall_torque_nm / self.product.no_load_speed_rad_s + self.product.damping_nms_rad
 
     def __getitem__(self, name):
