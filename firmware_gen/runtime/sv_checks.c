@@ -1,6 +1,7 @@
 #include "sv_checks.h"
 
 #include "sv_hal.h"
+#include "sv_io.h"
 #include "sv_log.h"
 #include "sv_period.h"
 #include "sv_record.h"

@@ -2,6 +2,7 @@
 
 #include "sv_axis.h"
 #include "sv_hal.h"
+#include "sv_io.h"
 #include "sv_period.h"
 
 #define SV_REST_PERIODS 10
@@ -51,13 +52,12 @@ static int32_t sv_at_rest(const sv_robot* robot) {
 }
 
 int32_t sv_home(sv_robot* robot) {
-  sv_period done;
   int32_t resting = 0;
   robot->nmove = sv_plan(robot);
   robot->begin_us = sv_hal_now_us();
   robot->ended_us = robot->begin_us;
   for (int32_t k = 0; k < robot->nmove + robot->rig->homing_periods_max; k++) {
-    if (sv_walk(robot, k, &done) || sv_heed_stop(robot)) {
+    if (sv_walk(robot, k) || sv_heed_stop(robot)) {
       return 1;
     }
     resting = k >= robot->nmove && sv_at_rest(robot) ? resting + 1 : 0;

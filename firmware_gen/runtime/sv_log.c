@@ -70,7 +70,8 @@ void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joi
   sv_send(robot, &record);
 }
 
-void sv_log_cycle(sv_robot* robot, int32_t k, const sv_period* done) {
+void sv_log_cycle(sv_robot* robot, int32_t k) {
+  const sv_period* done = &robot->done;
   const sv_rig* rig = robot->rig;
   const sv_program* program = rig->cycle->program;
   uint32_t missed = 0;

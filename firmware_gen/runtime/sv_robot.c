@@ -4,13 +4,13 @@
 #include "sv_console.h"
 #include "sv_hal.h"
 #include "sv_home.h"
+#include "sv_io.h"
 #include "sv_log.h"
 #include "sv_period.h"
 #include "sv_torque.h"
 
 #define SV_IDLE_US 10000
-#define SV_READS_MAX 64  // in one go: no babbling line holds it up
-#define SV_SECONDS 10    // length of a run, if nobody says another
+#define SV_SECONDS 10  // length of a run, if nobody says another
 
 static int32_t sv_is_fault(const sv_robot* robot) { return robot->watch.why.reason >= SV_REASON_FINDING; }
 
@@ -39,7 +39,6 @@ static int32_t sv_arm(sv_robot* robot) {
 
 // Step the controller until the time is over.
 static void sv_control(sv_robot* robot) {
-  sv_period done;
   sv_cycle_reset(robot->rig->cycle, &robot->cycle, robot->registers, robot->memory);
   // the cycle's slew starts at rest, at whatever speed homing ended
   for (int32_t i = 0; i < robot->rig->njoint && SV_VELOCITY_MODE(robot->rig); i++) {
@@ -47,10 +46,10 @@ static void sv_control(sv_robot* robot) {
   }
   sv_enter(robot, SV_STATE_RUNNING, SV_REASON_RESTED);
   for (int32_t k = 0; k < robot->wish.periods; k++) {
-    const int32_t faulty = sv_walk(robot, k, &done);
-    sv_log_cycle(robot, k, &done);
+    const int32_t faulty = sv_walk(robot, k);
+    sv_log_cycle(robot, k);
     robot->counts.cycles = k + 1;
-    robot->counts.missed_deadlines += done.overran;
+    robot->counts.missed_deadlines += robot->done.overran;
     for (int32_t i = 0; i < robot->rig->njoint; i++) {
       robot->counts.missed_replies += robot->replies[i].status != SV_REPLY_DATA;
     }
@@ -131,13 +130,10 @@ static void sv_begin_run(sv_robot* robot) {
 }
 
 void sv_robot_poll(sv_robot* robot) {
-  uint8_t unread[32];
   sv_hal_feed_watchdog();
   sv_console_listen(robot);
   if (!robot->wish.start) {
-    // nobody looks at sensors between runs
-    for (int32_t i = 0; i < SV_READS_MAX && sv_hal_read(SV_LINE_SENSORS, unread, (int32_t)sizeof unread) > 0; i++) {
-    }
+    sv_drop_sensors(robot);
     sv_hal_wait(sv_hal_now_us() + SV_IDLE_US);
     return;
   }

@@ -40,6 +40,17 @@ typedef struct {
   uint32_t dropped;  // records that did not fit the console's line
 } sv_counts;
 
+// What happened in one period.
+typedef struct {
+  int64_t started_us;
+  int64_t read_us;               // when everything had been read
+  int64_t aimed_us;              // when the goals were known
+  int64_t ended_us;              // when they had been written
+  int32_t sent;                  // whether they were
+  int32_t overran;               // whether it was not done in its time
+  int32_t aimed[SV_OUTPUT_MAX];  // goals [counts]
+} sv_period;
+
 typedef struct {
   const sv_rig* rig;
   uint32_t program;  // its fingerprint
@@ -58,6 +69,7 @@ typedef struct {
   int64_t begin_us;                   // of this period
   int64_t ended_us;                   // of the last one's traffic
   int64_t answered_us[SV_JOINT_MAX];  // when each joint last answered; < 0: never
+  sv_period done;                     // this period
   sv_reply replies[SV_JOINT_MAX];     // of this period
   int32_t goals[SV_JOINT_MAX];        // in force [counts]
   int32_t from[SV_JOINT_MAX];         // where homing begins [counts]

@@ -1,0 +1,106 @@
+#include "sv_guard.h"
+
+#include "sv_hal.h"
+#include "sv_io.h"
+#include "sv_log.h"
+#include "sv_record.h"
+
+#define SV_TRIPPED 255          // what the bus watchdog register reads once it has stopped its servo
+#define SV_HEALTH_BYTES_MAX 16  // of a health block
+#define SV_ATTEMPTS 3
+
+// Return the count of a register, or other where it can not be read.
+static int32_t sv_ask(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t attempts, int32_t other) {
+  int32_t count = other;
+  const sv_reply reply = sv_bus_read_register(&robot->bus, joint, reg, attempts, &count);
+  return reply.status == SV_REPLY_DATA ? count : other;
+}
+
+// Look into what servos report. A byte may have been damaged, so what is wrong is asked again; an alert that is not
+// answered for comes again with the next reply.
+static int32_t sv_alerts(sv_robot* robot) {
+  for (int32_t i = 0; i < robot->rig->njoint; i++) {
+    const sv_joint* joint = robot->rig->joints + i;
+    if (sv_judge_alert(robot->rig, &robot->watch, i, robot->replies + i)) {
+      const int32_t status = sv_ask(robot, i, &joint->hardware_error, SV_ATTEMPTS, 0);
+      const int32_t shutdown = sv_ask(robot, i, &joint->shutdown, 1, -1);
+      if (sv_judge_hardware_error(robot->rig, &robot->watch, i, status, shutdown)) {
+        return 1;
+      }
+    }
+  }
+  return 0;
+}
+
+// Judge whether joints do what they are told.
+static int32_t sv_tracking(sv_robot* robot) {
+  const sv_rig* rig = robot->rig;
+  const int64_t now_us = sv_hal_now_us();
+  return SV_VELOCITY_MODE(rig)
+             ? sv_judge_speeds(rig, &robot->watch, now_us, robot->goals, robot->raw + rig->njoint, robot->raw)
+             : sv_judge_tracking(rig, &robot->watch, now_us, robot->goals, robot->raw);
+}
+
+static float sv_sensor_value(const sv_robot* robot, int32_t sensor) {
+  const sv_sensor* line = robot->rig->sensors + sensor;
+  return (float)(robot->raw[3 * robot->rig->njoint + sensor] - line->zero) * line->scale;
+}
+
+// Judge how the base stands; an old pose says nothing about now.
+static int32_t sv_tilt(sv_robot* robot, const int32_t* ages_us) {
+  const sv_rig* rig = robot->rig;
+  const int32_t places[2] = {rig->roll, rig->pitch};
+  for (int32_t i = 0; i < 2; i++) {
+    if (places[i] < 0 || ages_us[places[i]] < 0 || ages_us[places[i]] > rig->sensors[places[i]].age_us_max) {
+      return 0;
+    }
+  }
+  return sv_judge_tilt(rig, &robot->watch, sv_sensor_value(robot, rig->roll), sv_sensor_value(robot, rig->pitch));
+}
+
+int32_t sv_judge_period(sv_robot* robot) {
+  const sv_rig* rig = robot->rig;
+  sv_watch* watch = &robot->watch;
+  int32_t ages_us[SV_SENSOR_MAX];
+  for (int32_t i = 0; i < rig->nsensor; i++) {
+    ages_us[i] = sv_clip_us(sv_lines_age_us(&robot->lines, i, sv_hal_now_us()));
+  }
+  return sv_judge_replies(rig, watch, robot->replies) || sv_alerts(robot) ||
+         sv_judge_encoders(rig, watch, sv_hal_now_us(), robot->replies, robot->raw) ||
+         sv_judge_sensors(rig, watch, ages_us) || sv_tracking(robot) || sv_tilt(robot, ages_us);
+}
+
+int32_t sv_stalled(sv_robot* robot, int64_t now_us) {
+  const int64_t silent_us = now_us - robot->ended_us;
+  const int32_t watchdog_us = robot->rig->safety.watchdog_us;
+  for (int32_t i = 0; i < robot->rig->njoint && watchdog_us > 0 && silent_us > watchdog_us; i++) {
+    const sv_register* watchdog = &robot->rig->joints[i].watchdog;
+    if (watchdog->size > 0 && sv_ask(robot, i, watchdog, SV_ATTEMPTS, 0) == SV_TRIPPED) {
+      return sv_because(&robot->watch, SV_REASON_WATCHDOG, SV_NOBODY, sv_clip_us(silent_us), 0);
+    }
+  }
+  return 0;
+}
+
+int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* block) {
+  uint8_t data[SV_HEALTH_BYTES_MAX];
+  const sv_joint* joint = robot->rig->joints + number;
+  int32_t count = 0;
+  int32_t temperature = 0;
+  if (sv_bus_read(&robot->bus, number, block->address, block->size, data).status != SV_REPLY_DATA) {
+    return 0;
+  }
+  sv_log_block(robot, SV_RECORD_HEALTH, number, block, data);
+  // elsewhere each reply tells a hardware error, and it comes and goes with its cause
+  if (SV_PROTOCOL(robot->rig) == SV_DYNAMIXEL2 && sv_in_block(block, data, &joint->hardware_error, &count) &&
+      count != 0) {
+    return sv_judge_hardware_error(robot->rig, &robot->watch, number, count,
+                                   sv_ask(robot, number, &joint->shutdown, 1, -1));
+  }
+  if (sv_in_block(block, data, &joint->torque, &count) && sv_judge_torque(&robot->watch, number, count)) {
+    return 1;
+  }
+  return sv_in_block(block, data, &joint->voltage, &count) &&
+         sv_in_block(block, data, &joint->temperature, &temperature) &&
+         sv_judge_health(robot->rig, &robot->watch, number, count, temperature);
+}

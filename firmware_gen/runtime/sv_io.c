@@ -1,0 +1,100 @@
+#include "sv_io.h"
+
+#include "sv_axis.h"
+#include "sv_hal.h"
+
+#define SV_STATE_BYTES_MAX 16  // of the block that is read of every servo in a period
+#define SV_CHUNKS_MAX 2048     // reads of the sensor line in one go: no babbling line holds it up
+
+void sv_forget(sv_robot* robot) {
+  sv_bus_init(&robot->bus, robot->rig);
+  sv_lines_init(&robot->lines, robot->rig);
+  sv_watch_init(&robot->watch);
+  for (int32_t i = 0; i < SV_RAW_MAX; i++) {
+    robot->raw[i] = 0;
+  }
+  for (int32_t i = 0; i < SV_JOINT_MAX; i++) {
+    robot->answered_us[i] = -1;
+  }
+}
+
+// Take what the sensor line has given: => lines; or drop it.
+static void sv_take_lines(sv_robot* robot, int32_t keep) {
+  uint8_t bytes[32];
+  const int64_t now_us = sv_hal_now_us();
+  for (int32_t i = 0; i < SV_CHUNKS_MAX; i++) {
+    const int32_t n = sv_hal_read(SV_LINE_SENSORS, bytes, (int32_t)sizeof bytes);
+    if (n <= 0) {
+      return;
+    }
+    if (keep) {
+      sv_lines_feed(&robot->lines, robot->rig, bytes, n, now_us);
+    }
+  }
+}
+
+void sv_drop_sensors(sv_robot* robot) { sv_take_lines(robot, 0); }
+
+void sv_read_sensors(sv_robot* robot) {
+  sv_take_lines(robot, 1);
+  for (int32_t i = 0; i < robot->rig->nsensor; i++) {
+    (void)sv_lines_raw(&robot->lines, i, robot->raw + 3 * robot->rig->njoint + i);
+  }
+}
+
+int32_t sv_sensors_fresh(const sv_robot* robot) {
+  const int64_t now_us = sv_hal_now_us();
+  for (int32_t i = 0; i < robot->rig->nsensor; i++) {
+    const sv_sensor* sensor = robot->rig->sensors + i;
+    const int64_t age_us = sv_lines_age_us(&robot->lines, i, now_us);
+    if (sensor->needed && (age_us < 0 || age_us > sensor->age_us_max)) {
+      return 0;
+    }
+  }
+  return 1;
+}
+
+int32_t sv_in_block(const sv_block* block, const uint8_t* data, const sv_register* reg, int32_t* count) {
+  const int32_t at = reg->address - block->address;
+  if (reg->size == 0 || at < 0 || at + reg->size > block->size) {
+    return 0;
+  }
+  *count = sv_register_decode(reg, data + at);
+  return 1;
+}
+
+void sv_read_servos(sv_robot* robot, const sv_block* block) {
+  uint8_t data[SV_JOINT_MAX * SV_STATE_BYTES_MAX];
+  const int32_t njoint = robot->rig->njoint;
+  sv_bus_sync_read(&robot->bus, block->address, block->size, robot->replies, data);
+  for (int32_t i = 0; i < njoint; i++) {
+    if (robot->replies[i].status != SV_REPLY_DATA) {
+      continue;
+    }
+    const sv_joint* joint = robot->rig->joints + i;
+    const uint8_t* from = data + i * block->size;
+    robot->answered_us[i] = robot->replies[i].t_us;
+    (void)sv_in_block(block, from, &joint->position, robot->raw + i);
+    (void)sv_in_block(block, from, &joint->velocity, robot->raw + njoint + i);
+    (void)sv_in_block(block, from, &joint->load, robot->raw + 2 * njoint + i);
+  }
+}
+
+// Return how old a joint's counts are [us], -1: it has never answered.
+static int64_t sv_joint_age_us(const sv_robot* robot, int32_t joint) {
+  return robot->answered_us[joint] < 0 ? -1 : sv_hal_now_us() - robot->answered_us[joint];
+}
+
+void sv_write_goals(sv_robot* robot, const sv_block* block, const int32_t* goals) {
+  uint8_t data[SV_JOINT_MAX * 4];
+  const sv_rig* rig = robot->rig;
+  for (int32_t i = 0; i < rig->njoint; i++) {
+    robot->goals[i] = goals[i];
+    if (SV_VELOCITY_MODE(rig)) {
+      const sv_axis axis = sv_axis_of(rig->joints + i);
+      robot->goals[i] = sv_speed_inside(&axis, robot->raw[i], goals[i], sv_joint_age_us(robot, i), rig->period_us);
+    }
+    sv_register_encode(&rig->joints[i].goal, robot->goals[i], data + i * block->size);
+  }
+  sv_bus_sync_write(&robot->bus, block->address, block->size, data);
+}
