@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+import runs
 from interrupts import SIGNALS, Interrupts
 from lab_report import LabReport, Measurement
 from unplugging import unplug_virtual, unplugger
@@ -26,14 +27,18 @@ from deploy.checks import check_servos
 from deploy.clock import Clock
 from deploy.connection import connect_ports, connect_virtual
 from deploy.joint_counts import joint_angle, joint_count
+from deploy.period import Connection
 from deploy.servo_bus import ServoBus
 from deploy.torque import release, seed_goals, torque_on, write_settings
+from firmware_gen.rig_config import require_speakable
 
 DEFAULT_RIG = "lamp-xc330"
+VIRTUAL, FIRMWARE = "virtual", "firmware"
 REST_S = 0.5
 REPORT = pytest.StashKey[LabReport]()
 INTERRUPTS = pytest.StashKey[Interrupts]()
-ORDER = ("identity", "registers", "bus", "motion", "watchdog", "disconnects", "torque")
+PROJECT = pytest.StashKey[Path]()
+ORDER = ("identity", "registers", "bus", "motion", "run", "watchdog", "disconnects", "torque")
 """What is tested first keeps what comes later from harm."""
 
 
@@ -44,7 +49,8 @@ def pytest_addoption(parser):
         "--rig-file",
         dest="rig",
         default="virtual",
-        help="'virtual', or the name or file of the rig under test",
+        help="'virtual', 'firmware' or 'firmware:NAME' (a virtual rig too, but its runs are made by firmware), or the "
+        "name or file of the rig under test",
     )
     group.addoption("--port", help="servo bus of a real rig, as /dev/ttyUSB0; left out: a virtual rig in lock step")
     group.addoption("--sensor-port", help="sensor node of a real rig")
@@ -57,7 +63,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     config.stash[REPORT] = LabReport()
     config.stash[INTERRUPTS] = Interrupts()
-    if config.getoption("--port") and config.getoption("--rig") == "virtual":
+    if config.getoption("--port") and config.getoption("--rig").split(":")[0] in (VIRTUAL, FIRMWARE):
         raise pytest.UsageError("--port: which rig is it? name it with --rig-file, as `servolve rig list` prints it")
     if config.getoption("--port") and not config.getoption("--arm"):
         raise pytest.UsageError("--port: the joints of the rig will move; say --arm when nobody is in their way")
@@ -108,6 +114,14 @@ def interrupts(request):
             signal.signal(number, handler)
 
 
+def rig_name(option: str) -> str:
+    """Return the name or file of the rig that an option means."""
+    kind, _, name = option.partition(":")
+    if kind in (VIRTUAL, FIRMWARE):
+        return name or DEFAULT_RIG
+    return option
+
+
 @dataclass(frozen=True)
 class Bench:
     """Hold a rig under test: its bus and its time."""
@@ -118,6 +132,10 @@ class Bench:
     virtual: bool
     unplug: Callable[[], float] | None = None
     """Pulls the adapter's plug and puts it in again; returns in what time that is done [s]. None: nobody can."""
+    link: Connection | None = None
+    """What the bus and the clock belong to."""
+    body: object | None = None
+    """The virtual rig, None on a real one."""
 
     @property
     def ids(self) -> tuple[int, ...]:
@@ -171,9 +189,9 @@ def bench(request, interrupts, report):
     """Connect to the rig and check it; at the end every servo's torque is off, as read back."""
     option = request.config.getoption
     with ExitStack() as stack:
-        unplug = unplugger(request.config)
+        unplug, body = unplugger(request.config), None
         try:
-            rig = load_rig(DEFAULT_RIG if option("--rig") == "virtual" else option("--rig"))
+            rig = load_rig(rig_name(option("--rig")))
             if option("--port"):
                 # the tests are of the servos; a sensor node may be there or not
                 wired = rig if option("--sensor-port") else replace(rig, sensors=())
@@ -184,6 +202,8 @@ def bench(request, interrupts, report):
                 from deploy.virtual.rig import VirtualRig
 
                 body = VirtualRig(rig)
+                if option("--rig").split(":")[0] == FIRMWARE:
+                    require_speakable(rig)
                 link = stack.enter_context(connect_virtual(body, lambda: None))
                 unplug = partial(unplug_virtual, body)
         except InputError as error:
@@ -196,12 +216,22 @@ def bench(request, interrupts, report):
         report.rig |= {"baud": rig.bus.baud, "period_s": rig.period_s}
         report.findings += [f"{finding.level}: {finding.text}" for finding in findings]
         try:
-            yield Bench(rig, link.bus, link.clock, not option("--port"), unplug)
+            yield Bench(rig, link.bus, link.clock, not option("--port"), unplug, link, body)
         finally:
             with interrupts.deferring():
                 left = release(link.bus, rig, link.clock)
             report.torque_off = not left
             assert not left, f"torque is not known to be off: {[joint.name for joint in left]}"
+
+
+@pytest.fixture
+def run(request, bench, interrupts, tmp_path_factory):
+    """Return a function that makes a whole run on the rig, by the host loop or by firmware: seconds => Made."""
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    if request.config.getoption("--rig").split(":")[0] != FIRMWARE:
+        return partial(runs.by_host, bench.link, bench.rig, path)
+    project = request.config.stash.setdefault(PROJECT, tmp_path_factory.mktemp("firmware"))
+    return partial(runs.by_firmware, bench.body, bench.link, bench.rig, project, path)
 
 
 @pytest.fixture

@@ -112,3 +112,12 @@ def test_what_is_left_out_is_asked_for(arguments, sentence):
     told, _ = run.communicate(timeout=WAIT_S)
     assert run.returncode == pytest.ExitCode.USAGE_ERROR
     assert sentence in told and "Traceback" not in told
+
+
+@pytest.mark.parametrize("rig", ["virtual", "firmware", "firmware:lamp-sts3215"])
+def test_whole_runs_are_tested_by_host_loop_and_by_firmware(rig):
+    run = suite("--rig", rig, "-k", "test_run or after_all")
+    told, _ = run.communicate(timeout=WAIT_S)
+    assert run.returncode == 0, told
+    assert re.search(r"\b8 passed|\b7 passed, 1 skipped", told)
+    assert "test_a_run_moves_every_joint_and_ends_with_torque_off PASSED" in told

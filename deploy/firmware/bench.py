@@ -1,8 +1,8 @@
 """Firmware on the virtual rig in lock step: the rig owns time, and moves only while the firmware waits.
 
 The rules are those of `deploy.virtual.lockstep` and `deploy.lockstep_port`, so that the same packet at the same time
-meets the same rig, whoever sends it. Time is kept in whole nanoseconds; the firmware is told it in whole microseconds,
-rounded down.
+meets the same rig, whoever sends it. Time is kept in whole nanoseconds; the firmware is told it in whole microseconds
+since it was booted, rounded down.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class FirmwareBench:
         self._firmware = firmware
         self._tap = tap
         self._restless = restless
-        self._now_ns = round(rig.now * 1e9)
+        self._now_ns = self._boot_ns = round(rig.now * 1e9)
         self._bus = b""
         self._sensors = b""
         self._console = b""
@@ -70,7 +70,7 @@ class FirmwareBench:
         Raises:
             RunError: the firmware has died, or does not come to wait
         """
-        given = Given(self._now_ns // 1000, self.inputs, self._bus, self._sensors, self._console)
+        given = Given((self._now_ns - self._boot_ns) // 1000, self.inputs, self._bus, self._sensors, self._console)
         self._bus = self._sensors = self._console = b""
         return given, self._firmware.resume(given)
 
@@ -98,7 +98,7 @@ class FirmwareBench:
             RunError: the firmware wakes again and again without letting time pass
         """
         before_ns = self._now_ns
-        until_ns = taken.until_us * 1000
+        until_ns = self._boot_ns + taken.until_us * 1000
         while not (self._bus or (self._restless and self._sensors)) and self._now_ns < until_ns:
             events = [self.rig.next_event(), self.rig.next_line() if self._restless else None]
             self._pump(min([until_ns, *(round(at * 1e9) for at in events if at is not None)]))

@@ -11,7 +11,7 @@ class Given:
     """Hold what the world gives a machine when it wakes.
 
     Args:
-        now_us: time since the rig's start [us]; it never goes back
+        now_us: time since the machine was switched on [us]; it never goes back
         inputs: which inputs are active, `sv_input` of sv_hal.h ORed
         bus: bytes that have come from the servos
         sensors: bytes that have come from the sensor node

@@ -82,6 +82,7 @@ class _Run:
         self._sensors = SensorReader(rig.sensors)
         self._digest = hashlib.sha256()
         self._nbyte = 0
+        self._origin = virtual.now
         self._until_s = virtual.now + options.seconds + _AROUND_S
         for line in commands(options, rig.period_s):
             self._bench.say(line)
@@ -137,12 +138,12 @@ class _Run:
 
     def _look(self) -> None:
         seen = self._witness.look()
-        self._log.write("/truth", self._witness.t, seen)
+        self._log.write("/truth", self._witness.t - self._origin, seen)
 
     def _tap(self, direction: Literal["tx", "rx"], t: float, data: bytes) -> None:
         self._nbyte += len(data)
         self._digest.update(data)
-        self._log.write("/bus", t, {"direction": direction, "hex": data.hex()})
+        self._log.write("/bus", t - self._origin, {"direction": direction, "hex": data.hex()})
 
 
 def _is_step(record: Record) -> bool:
