@@ -86,6 +86,7 @@ int32_t sv_record_end(sv_record* record, int64_t wait_until_us) {
 
   int32_t done = sv_hal_write(SV_LINE_CONSOLE, record->bytes, record->n);
   while (done < record->n && sv_hal_now_us() < wait_until_us) {
+    sv_hal_feed_watchdog();  // each record waits for so long, one after another
     sv_hal_wait(wait_until_us < sv_hal_now_us() + 1000 ? wait_until_us : sv_hal_now_us() + 1000);
     done += sv_hal_write(SV_LINE_CONSOLE, record->bytes + done, record->n - done);
   }
