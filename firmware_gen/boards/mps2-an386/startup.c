@@ -35,7 +35,7 @@ void sv_robot_panic(const sv_rig* rig);  // of sv_robot.h
 void board_reset(void);
 void board_begin(void);
 void board_fault(void);
-void board_faulted(void);
+void board_last_words(int32_t cause);
 void board_external(void);
 void board_systick(void);
 int main(void);
@@ -101,73 +101,9 @@ __attribute__((naked, noreturn)) void board_die(__attribute__((unused)) int32_t 
 
 __attribute__((naked, noreturn)) void board_fault(void) {
   __asm volatile(
-      "mov r0, #2\n"  // SV_RESET_FAULT
+      "movs r0, #2\n"  // SV_RESET_FAULT
       "b board_die\n");
 }
-
-void board_external(void);
-void board_systick(void);
-int main(void);
-void* memcpy(void* restrict to, const void* restrict from, size_t n);
-void* memmove(void* to, const void* from, size_t n);
-void* memset(void* to, int value, size_t n);
-int memcmp(const void* a, const void* b, size_t n);
-
-// survives a reset: why the board died, and its complement
-static uint32_t board_cause[2] __attribute__((section(".noinit")));
-
-static volatile int32_t fed_ms;  // how long the main loop may still be silent; 0: it has never been heard
-static volatile uint8_t dying;
-
-typedef void (*vector)(void);
-
-// the first sixteen are the core's: stack, reset, NMI (a watchdog, where there is one), faults, …, SysTick
-__attribute__((section(".vectors"), used)) static const struct {
-  const void* stack;
-  vector core[15];
-  vector external[EXTERNAL];
-} vectors = {board_stack_top,
-             {board_reset, board_fault, board_fault, board_fault, board_fault, board_fault, board_fault, board_fault,
-              board_fault, board_fault, board_fault, board_fault, board_fault, board_fault, board_systick},
-             {[0 ... EXTERNAL - 1] = board_external}};
-
-// the FPU first: compiled code may use it anywhere; FPSCR 0: to nearest even, subnormals kept, NaNs as they are
-__attribute__((naked, noreturn)) void board_reset(void) {
-  __asm volatile(
-      "ldr r0, =0xE000ED88\n"
-      "ldr r1, [r0]\n"
-      "orr r1, r1, #0xF00000\n"
-      "str r1, [r0]\n"
-      "dsb\n"
-      "isb\n"
-      "movs r0, #0\n"
-      "vmsr fpscr, r0\n"
-      "b board_begin\n");
-}
-
-// flash => data; 0 => the rest
-__attribute__((noreturn, used)) void board_begin(void) {
-  const uint32_t* from = board_data_stored;
-  for (uint32_t* to = board_data_begin; to < board_data_end; to++) {
-    *to = *from++;
-  }
-  for (uint32_t* to = board_zero_begin; to < board_zero_end; to++) {
-    *to = 0U;
-  }
-  SCB_VTOR = (uint32_t)&vectors;
-  (void)main();
-  board_die(SV_RESET_FAULT);
-}
-
-// whatever the stack was, it begins anew
-__attribute__((naked, noreturn)) void board_fault(void) {
-  __asm volatile(
-      "ldr r0, =board_stack_top\n"
-      "mov sp, r0\n"
-      "b board_faulted\n");
-}
-
-__attribute__((noreturn, used)) void board_faulted(void) { board_die(SV_RESET_FAULT); }
 
 void board_external(void) {
   uint32_t number;

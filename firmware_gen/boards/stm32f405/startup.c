@@ -35,7 +35,7 @@ void sv_robot_panic(const sv_rig* rig);  // of sv_robot.h
 void board_reset(void);
 void board_begin(void);
 void board_fault(void);
-void board_faulted(void);
+void board_last_words(int32_t cause);
 void board_external(void);
 void board_systick(void);
 int main(void);
@@ -90,15 +90,20 @@ __attribute__((noreturn, used)) void board_begin(void) {
   board_die(SV_RESET_FAULT);
 }
 
-// whatever the stack was, it begins anew
-__attribute__((naked, noreturn)) void board_fault(void) {
+// however deep the stack was, or wherever it was, it begins anew; cause => board_last_words
+__attribute__((naked, noreturn)) void board_die(__attribute__((unused)) int32_t cause) {
   __asm volatile(
-      "ldr r0, =board_stack_top\n"
-      "mov sp, r0\n"
-      "b board_faulted\n");
+      "cpsid i\n"
+      "ldr r1, =board_stack_top\n"
+      "mov sp, r1\n"
+      "b board_last_words\n");
 }
 
-__attribute__((noreturn, used)) void board_faulted(void) { board_die(SV_RESET_FAULT); }
+__attribute__((naked, noreturn)) void board_fault(void) {
+  __asm volatile(
+      "movs r0, #2\n"  // SV_RESET_FAULT
+      "b board_die\n");
+}
 
 void board_external(void) {
   uint32_t number;
@@ -116,8 +121,7 @@ void board_systick(void) {
   }
 }
 
-__attribute__((noreturn)) void board_die(int32_t cause) {
-  __asm volatile("cpsid i" ::: "memory");
+__attribute__((noreturn, used)) void board_last_words(int32_t cause) {
   if (!dying) {
     dying = 1U;
     board_cause[0] = MAGIC ^ (uint32_t)cause;
