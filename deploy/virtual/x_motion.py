@@ -23,7 +23,8 @@ GOAL_OF_MODE: Final = {CURRENT: "goal_current", VELOCITY: "goal_velocity", PWM: 
 
 REVERSE: Final = 1
 TIME_BASED: Final = 4
-PROFILE: Final = ("profile_velocity", "profile_acceleration")
+TIME_MS_MAX: Final = 32737
+"""Longest time of a time-based profile, where one by velocity takes 32767 [ms]."""
 HOMING_OFFSET_MAX: Final = 1024
 """Position mode ignores larger offsets. Source: e-Manual, control_table_homingoffset.md."""
 
@@ -254,3 +255,15 @@ class XMotion:
             pwm = first * sample.velocity * _MS + second * sample.acceleration * _MS * _MS if fed else 0.0
             self._shaft.feedforward(way * pwm / _FEEDFORWARD / self._product.duty_full)
         self._fed = fed
+
+
+def profile_takes(table: ControlTable, name: str, value: int) -> bool:
+    """Return whether a register may have a value in the drive mode that the servo is in.
+
+    Args:
+        table: the servo's registers
+        name: of the register
+        value: count, within the register's own range
+    """
+    timed = name in ("profile_velocity", "profile_acceleration") and table["drive_mode"] & TIME_BASED
+    return not timed or value <= TIME_MS_MAX

@@ -17,7 +17,7 @@ from deploy.virtual.drive import Shaft
 from deploy.virtual.heat import AMBIENT_C, stands, warmed
 from deploy.virtual.x_effects import GOALS, RESTORED, reset_goals, take_effect
 from deploy.virtual.x_instructions import GROUP_INSTRUCTIONS, INSTRUCTIONS, unknown
-from deploy.virtual.x_motion import GOAL_OF_MODE, POSITION, POSITION_MODES, PROFILE, TIME_BASED, XMotion
+from deploy.virtual.x_motion import GOAL_OF_MODE, POSITION, POSITION_MODES, XMotion, profile_takes
 
 WATCHDOG_TRIPPED: Final = 255
 WATCHDOG_UNIT_NS: Final = 20_000_000
@@ -31,9 +31,6 @@ ERROR_OVERLOAD: Final = 0x20
 OVERLOAD_LOAD: Final = 0.8
 OVERLOAD_S: Final = 2.0
 """A servo that stalls at this share of its torque is overloaded after this time: estimates, the manual has none."""
-
-PROFILE_MS_MAX: Final = 32737
-"""Longest time of a time-based profile [ms]. Source: its includes control_table_profile_{velocity,acceleration}.md."""
 
 TORQUE_AT_START, RESTORE_AT_START = 1, 2
 """Bits of the startup configuration."""
@@ -372,7 +369,7 @@ class XServo:
         name, table = line.name, self.table
         if table["bus_watchdog"] == WATCHDOG_TRIPPED and (name in GOALS or (name == "bus_watchdog" and value)):
             return dxl.DATA_RANGE_ERROR
-        if name in PROFILE and value > PROFILE_MS_MAX and table["drive_mode"] & TIME_BASED:
+        if not profile_takes(table, name, value):
             return dxl.DATA_RANGE_ERROR
         if name == "torque_enable" and value and table["hardware_error_status"] & table["shutdown"]:
             return dxl.RESULT_FAIL
