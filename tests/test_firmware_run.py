@@ -1,6 +1,11 @@
 """`servolve firmware --run` says what `deploy` says, and `servolve log` makes a log of a recorded console."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 from firmware_runs import GOLDEN, STS3215, XC330, firmware_run
@@ -134,3 +139,31 @@ def test_recordings_of_something_else_are_refused(capsys, tmp_path, recorded):
     assert "holds no run" in err
     assert dumped_runs(b"", STS3215.rig, STS3215.controller) == ([], 0)
     assert run.outcome.done
+
+
+@pytest.mark.parametrize("board", ["host", "stm32f405"])
+def test_an_interrupt_stops_the_run_in_its_own_order(tmp_path, project, board):
+    """Ctrl-C reaches every process of a terminal's group; the firmware is to hear of it from its console alone."""
+    folder = project.parent / board
+    assert main(["firmware", LAMP, "--board", board, "--out", str(folder), "--build"]) == 0
+    log = tmp_path / "run.mcap"
+    arguments = ["firmware", LAMP, "--board", board, "--out", folder, "--run", "--seconds", 3000, "--log", log]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "servolve", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        while not (log.exists() and log.stat().st_size > 100_000):  # it has been running for a while
+            assert run.poll() is None, run.communicate()
+            time.sleep(0.05)
+        os.killpg(run.pid, signal.SIGINT)
+        _, err = run.communicate(timeout=60)
+    finally:
+        run.kill()
+    assert run.returncode == 1
+    assert err.splitlines()[-1] == "servolve: stopped: the console was told to stop"
+    assert read_log(log).events[-1]["entered"] == "off"
+    assert main(["replay", str(log)]) == 0

@@ -306,6 +306,7 @@ def _start(
         stdout=words,
         stderr=words,
         pass_fds=[far.fileno() for _, far in pairs.values()],
+        start_new_session=True,  # Ctrl-C is for us: we tell the firmware to stop
         preexec_fn=_die_with_parent if sys.platform == "linux" else None,  # noqa: PLW1509 — no threads hold locks here
     )
     for near, far in pairs.values():
