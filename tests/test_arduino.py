@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import select
 import shutil
 import subprocess
 from pathlib import Path
@@ -28,6 +30,7 @@ C = [*COMMON, "-std=gnu11", "-fno-fat-lto-objects"]
 CPP = [*COMMON, "-std=gnu++11", "-fpermissive", "-fno-exceptions", "-fno-threadsafe-statics"]
 STRICT = ["-Wall", "-Wextra", "-Werror"]
 FLASH, RAM, STACK_MIN = 253_952, 8192, 1500
+BOOT_SECONDS_MAX = 60.0
 
 
 def run_command(*command, cwd):
@@ -35,6 +38,20 @@ def run_command(*command, cwd):
     done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, f"{' '.join(command[:4])} …: {done.stderr[-3000:]}"
     return done.stdout
+
+
+def boot(image):
+    """Run a sketch on an emulated Mega until its console has said a line; return what it has said."""
+    command = ["simavr", "-m", "atmega2560", "-f", "16000000", str(image)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    said = b""
+    try:
+        while b"help" not in said and select.select([process.stderr], [], [], BOOT_SECONDS_MAX)[0]:
+            said += os.read(process.stderr.fileno(), 4096)
+    finally:
+        process.kill()
+        process.communicate()
+    return said.decode(errors="replace")
 
 
 @pytest.fixture(scope="module", params=["lamp-xc330", "lamp-sts3215"])
@@ -103,6 +120,7 @@ def test_library_and_sketch_compile_for_a_mega(library, tmp_path):
     assert data + bss + STACK_MIN <= RAM
     names = run_command("avr-nm", "-C", "firmware.elf", cwd=tmp_path)
     assert "main" in names and "malloc" not in names
+    assert "servolve: try help" in boot(tmp_path / "firmware.elf")
 
 
 def test_the_c_compiles_for_the_openrb_s_processor(library, tmp_path):
