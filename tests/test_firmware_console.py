@@ -1,95 +1,15 @@
 """The firmware's command line, on a robot whose runs never come: only words go in, only wishes and words come out."""
 
 import ctypes
-import subprocess
 from decimal import Decimal
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from rig_bench import RIG, sway
-
-from firmware_gen.rig_config import rig_header, rig_source
-from firmware_gen.unit import make_unit
-
-ROOT = Path(__file__).parents[1]
-RUNTIME, SHARED = ROOT / "firmware_gen" / "runtime", ROOT / "controller" / "runtime"
-HAL = """
-#include "rig.h"
-#include "sv_console.h"
-#include "sv_hal.h"
-static sv_robot robot;
-static const uint8_t* typed;
-static int32_t ntyped, nsaid;
-static uint32_t inputs;
-static char said[4096];
-void boot(void);
-void press(uint32_t active);
-const sv_wish* type(const uint8_t* bytes, int32_t n);
-const char* answer(void);
-int32_t decimal(const char* text, float* value);
-void boot(void) {
-  static float memory[64];
-  typed = 0;
-  ntyped = nsaid = 0;
-  sv_robot_init(&robot, &servolve_rig, 0, 0, memory, memory);
-}
-void press(uint32_t active) { inputs = active; }
-const sv_wish* type(const uint8_t* bytes, int32_t n) {
-  typed = bytes;
-  ntyped = n;
-  nsaid = 0;
-  while (ntyped > 0) {
-    sv_console_listen(&robot);
-  }
-  sv_console_listen(&robot);
-  return &robot.wish;
-}
-const char* answer(void) {
-  said[nsaid] = 0;
-  return said;
-}
-int32_t decimal(const char* text, float* value) {
-  sv_decimal number;
-  const char* rest = sv_decimal_parse(text, &number);
-  *value = rest ? sv_decimal_float(&number) : 0.0F;
-  return rest != 0 && *rest == 0;
-}
-void sv_hal_init(void) {}
-int64_t sv_hal_now_us(void) { return 0; }
-void sv_hal_wait(int64_t until_us) { (void)until_us; }
-int32_t sv_hal_read(int32_t line, uint8_t* data, int32_t size) {
-  int32_t n = 0;
-  while (line == SV_LINE_CONSOLE && n < size && ntyped > 0) {
-    data[n++] = *typed++;
-    ntyped--;
-  }
-  return n;
-}
-int32_t sv_hal_write(int32_t line, const uint8_t* data, int32_t size) {
-  for (int32_t i = 0; i < size && line == SV_LINE_CONSOLE && nsaid < 4000; i++) {
-    said[nsaid++] = (char)data[i];
-  }
-  return size;
-}
-uint32_t sv_hal_inputs(void) { return inputs; }
-void sv_hal_feed_watchdog(void) {}
-int32_t sv_hal_reset_cause(void) { return SV_RESET_POWER; }
-"""
-PROGRAM = """
-#include "sv_program.h"
-void sv_reset(const sv_program* program, float* registers, float* state) {
-  (void)program, (void)registers, (void)state;
-}
-void sv_step(const sv_program* program, float dt, const float* inputs, float* registers, float* state, float* outputs) {
-  (void)program, (void)dt, (void)inputs, (void)registers, (void)state, (void)outputs;
-}
-int32_t sv_verify(const sv_program* program) { return program == 0; }
-"""
-FLAGS = "-std=c99 -O1 -Wall -Wextra -Wconversion -Wmissing-prototypes -Werror -ffp-contract=off -fsanitize=undefined"
+from robot_library import build_robot
 
 
 class Wish(ctypes.Structure):
@@ -117,7 +37,7 @@ class Console:
 
     def boot(self):
         self.library.press(0)
-        self.library.boot()
+        self.library.boot(0, 0)
 
     def type(self, words):
         wish = self.library.type(words, len(words)).contents
@@ -131,17 +51,7 @@ class Console:
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("console")
-    texts = {"rig.c": rig_source(RIG, sway()), "rig.h": rig_header(RIG, make_unit(sway())), "hal.c": HAL}
-    for name, text in (texts | {"program.c": PROGRAM}).items():
-        (folder / name).write_text(text)
-    sources = [str(path) for path in sorted(RUNTIME.glob("*.c")) if path.name != "main.c"]
-    sources += [str(SHARED / f"sv_{name}.c") for name in ("cycle", "homing", "schedule")]
-    sources += [str(folder / name) for name in ("rig.c", "hal.c", "program.c")]
-    command = ["gcc", *FLAGS.split(), "-fsanitize-undefined-trap-on-error", "-shared", "-fPIC"]
-    includes = [f"-I{folder}", f"-I{RUNTIME}", f"-I{SHARED}"]
-    subprocess.run([*command, *includes, *sources, "-o", str(folder / "console.so")], check=True)
-    return Console(ctypes.CDLL(str(folder / "console.so")))
+    return Console(build_robot(tmp_path_factory.mktemp("console"), RIG, sway()))
 
 
 @pytest.fixture
@@ -194,7 +104,7 @@ def test_what_is_no_command_changes_nothing(console, words):
 
 def test_the_start_input_arms_and_starts_once_it_was_seen_open(console):
     console.library.press(2)
-    console.library.boot()
+    console.library.boot(0, 0)
     assert console.type(b"").start == 0
     console.library.press(0)
     console.type(b"")
