@@ -12,6 +12,7 @@ from controller.errors import RunError
 from firmware_gen.instruction_costs import is_conditional
 from firmware_gen.machine_code import Instruction, MachineCode
 
+_CALL: Final = re.compile(r"bl(?:eq|ne|cs|hs|cc|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?")
 _BRANCH: Final = re.compile(r"b(?:eq|ne|cs|hs|cc|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?")
 
 
@@ -73,7 +74,8 @@ def is_call(code: MachineCode, instruction: Instruction) -> bool:
         code: the machine code
         instruction: the instruction
     """
-    return instruction.mnemonic.partition(".")[0] == "bl" and instruction.target in code.entry_addresses
+    name = instruction.mnemonic.partition(".")[0]
+    return _CALL.fullmatch(name) is not None and instruction.target in code.entry_addresses
 
 
 @lru_cache(maxsize=256)
@@ -112,8 +114,11 @@ def function_graph(code: MachineCode, entry: int) -> Graph:
 def _ways(code: MachineCode, instruction: Instruction, entry: int) -> list[Way]:
     name, operands = instruction.mnemonic.partition(".")[0], instruction.operands
     onward = Way(instruction.address + instruction.size, False)
-    if name == "bl":
-        return [Way(onward.to if is_call(code, instruction) else instruction.target, True)]
+    if _CALL.fullmatch(name):
+        if is_call(code, instruction):
+            return [Way(onward.to, True)]
+        if name == "bl":
+            return [Way(instruction.target, True)]
     if name in ("cbz", "cbnz"):
         return [onward, Way(instruction.target, True)]
     if _returns(instruction):
@@ -202,7 +207,8 @@ def _counted_loop(code: MachineCode, ways: Mapping[int, list[Way]], entry: int, 
     if any(is_call(code, code.instructions[a]) for a in body):
         raise refusal
     starts = _constants(code, before, counter, [a for a in before[first] if a not in body])
-    if not starts:
+    # from 0 it would count through all of 2^32
+    if not starts or 0 in starts:
         raise refusal
     return Loop(first, last, frozenset(body), max(starts))
 
@@ -228,6 +234,8 @@ def _writes(instruction: Instruction, register: str) -> bool:
     name = instruction.mnemonic
     if name.startswith(("cmp", "cmn", "tst", "teq", "str", "b", "it", "push", "vcmp", "vstr")):
         return False
+    if name.startswith(("umull", "smull", "umlal", "smlal", "ldrd", "vmov")):
+        return re.search(rf"\b{register}\b", instruction.operands) is not None
     if "{" in instruction.operands:
         return re.search(rf"\b{register}\b", instruction.operands) is not None or "-" in instruction.operands
     return re.search(rf"\b{register}\b", instruction.operands.partition(",")[0]) is not None

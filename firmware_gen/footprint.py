@@ -76,8 +76,7 @@ def measure_footprint(transpiled: Transpiled, target: Target, level: str) -> Foo
         RunError: the files do not compile, or a tool fails
     """
     prefix = f"{transpiled.unit.name}_"
-    code = link_controller(transpiled, target, level)
-    tested = link_controller(transpiled, target, level, [f"-Wl,--undefined={prefix}selftest"])
+    code, tested = link_controller(transpiled, target, level)
     own = {name: size for name, size in code.sizes.items() if name.startswith((prefix, "sv_"))}
     # a routine may have several names
     routines = {code.entries[name]: size for name, size in code.sizes.items() if name not in own}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -91,14 +90,16 @@ TARGETS: Final = (CORTEX_M4F_TARGET, CORTEX_M0_TARGET)
 LEVELS: Final = ("-Os", "-O2")
 
 
-def link_controller(transpiled: Transpiled, target: Target, level: str, extra: Sequence[str] = ()) -> MachineCode:
+def link_controller(transpiled: Transpiled, target: Target, level: str) -> tuple[MachineCode, MachineCode]:
     """Compile a controller for a target, link what a firmware calls of it, and read the machine code back.
 
     Args:
         transpiled: the files
         target: the kind of machine
         level: as "-Os"
-        extra: more flags
+
+    Returns:
+        without and with the selftest
 
     Raises:
         InputError: there is no such compiler
@@ -106,11 +107,14 @@ def link_controller(transpiled: Transpiled, target: Target, level: str, extra: S
     """
     name = transpiled.unit.name
     compiler = f"{target.tools}gcc"
-    roots = [f"-Wl,--undefined={name}_{function}" for function in FUNCTIONS]
+    command = [compiler, "-std=c99", level, *target.flags, "-ffreestanding", "-ffunction-sections"]
     with tempfile.TemporaryDirectory(prefix="servolve-c-") as folder:
-        command = [compiler, "-std=c99", level, *target.flags, "-ffreestanding", "-ffunction-sections", *extra]
-        source = str(transpiled.source.resolve())
-        link = ["-nostdlib", "-Wl,--gc-sections", f"-Wl,--entry={name}_step", *roots]
-        run_compiler([*command, source, *link, "-lgcc", "-o", "controller.elf"], Path(folder))
         version = run_tool([compiler, "--version"], Path(folder)).splitlines()[0]
-        return read_machine_code(Path(folder) / "controller.elf", target.tools, version)
+        run_compiler([*command, "-c", str(transpiled.source.resolve()), "-o", "controller.o"], Path(folder))
+        linked = []
+        for file, functions in (("plain.elf", FUNCTIONS), ("tested.elf", (*FUNCTIONS, "selftest"))):
+            roots = [f"-Wl,--undefined={name}_{function}" for function in functions]
+            link = ["-nostdlib", "-Wl,--gc-sections", f"-Wl,--entry={name}_step", *roots]
+            run_compiler([*command, "controller.o", *link, "-lgcc", "-o", file], Path(folder))
+            linked.append(read_machine_code(Path(folder) / file, target.tools, version))
+    return linked[0], linked[1]

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from firmware_gen.control_flow import Graph, Loop, UnboundedError, Way, function_graph, is_call
-from firmware_gen.instruction_costs import instruction_cycles
+from firmware_gen.instruction_costs import instruction_cycles, register_count
 from firmware_gen.machine_code import Instruction, MachineCode
 from firmware_gen.stack_depth import stack_depth
 from firmware_gen.targets import Target, Timing
@@ -74,13 +74,22 @@ def _flash_accesses(
 ) -> int:
     """Return how many times the flash is waited for until the next instruction can run."""
     line = timing.line_bytes
-    loads = re.match(r"v?ldr", instruction.mnemonic) is not None and "[sp" not in instruction.operands
-    literal = int(loads and ("[pc" in instruction.operands or code.loads_constants_by_register))
+    literals = _literals(code, instruction)
     if taken or following is None:
         # the line fetched in vain, the target's, and the one that the target may reach into
-        return literal + 3
+        return literals + 3
     last = (instruction.address + instruction.size - 1) // line
-    return literal + (following.address + following.size - 1) // line - last
+    return literals + (following.address + following.size - 1) // line - last
+
+
+def _literals(code: MachineCode, instruction: Instruction) -> int:
+    """Return how many words an instruction may load from the flash."""
+    name, operands = instruction.mnemonic, instruction.operands
+    if not re.match(r"v?ld[rm]", name) or "[sp" in operands or operands.startswith("sp!"):
+        return 0
+    if "[pc" not in operands and not code.loads_constants_by_register:
+        return 0
+    return register_count(operands) if "{" in operands else 2 if name.startswith("ldrd") else 1
 
 
 def _longest(code: MachineCode, weight: Weight, entry: int, known: dict[int, int], callers: list[int]) -> int:

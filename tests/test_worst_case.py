@@ -27,7 +27,7 @@ def golden(request):
 def assert_within_bounds(controller, target, level, folder):
     """Return how much of its bound on instructions each function took."""
     transpiled = transpile(controller, folder, "counted_one")
-    code = link_controller(transpiled, target, level)
+    code, _ = link_controller(transpiled, target, level)
     counted = count_instructions(transpiled, target, level, folder)
     parts = {}
     for function in FUNCTIONS:
@@ -68,7 +68,7 @@ def test_no_input_takes_more_than_the_bound_of_a_random_program(seed, tmp_path):
 @pytest.mark.parametrize("golden", GOLDEN, indirect=True)
 def test_the_stack_of_a_leaf_is_what_the_compiler_says(golden, tmp_path):
     transpiled = transpile(golden, tmp_path, "counted_one")
-    code = link_controller(transpiled, CORTEX_M4F_TARGET, "-Os")
+    code, _ = link_controller(transpiled, CORTEX_M4F_TARGET, "-Os")
     frames = frame_sizes(transpiled, "-Os", tmp_path)
     for function in ("init", "clamp"):
         name = f"counted_one_{function}"
@@ -118,6 +118,24 @@ def test_the_longest_path_by_hand(tmp_path):
     assert bound.stack_bytes == 8 + 8
 
 
+def test_a_call_on_a_condition_counts(tmp_path):
+    body = "  push {r4, lr}\n  cmp r0, #0\n  it ne\n  blne g\n  pop {r4, pc}"
+    code = assembled(function("f", body) + function("g", "  nop\n  nop\n  bx lr"), tmp_path)
+    assert bound_function(code, CORTEX_M4F_TARGET, "f").instructions == 5 + 3
+
+
+def test_constants_behind_a_register_wait_for_the_flash(tmp_path):
+    plain, table = (
+        "  ldmia r0, {r1, r2, r3}\n  bx lr",
+        "  adr r0, 1f\n  ldmia r0, {r1, r2, r3}\n  bx lr\n.align 2\n1: nop",
+    )
+    bounds = [
+        bound_function(assembled(function("f", body), tmp_path), CORTEX_M4F_TARGET, "f") for body in (plain, table)
+    ]
+    hits, misses = (after - before for before, after in zip(bounds[0].cycles, bounds[1].cycles, strict=True))
+    assert hits == 1 and misses == 1 + 3 * 5
+
+
 COUNTED = """
   cmp r1, #0
   beq 1f
@@ -150,6 +168,8 @@ def test_a_loop_that_counts_down_from_constants_has_a_bound(tmp_path):
         ("1: subs r0, #1\n  bne 1b\n  bx lr", "loop"),  # from an argument, not from a constant
         ("  movs r0, #3\n1: subs r0, #1\n  cmp r1, r2\n  bne 1b\n  bx lr", "loop"),
         ("  movs r0, #3\n1: adds r0, #1\n  subs r0, #1\n  bne 1b\n  bx lr", "loop"),
+        ("  movs r0, #0\n1: subs r0, #1\n  bne 1b\n  bx lr", "loop"),
+        ("  movs r0, #3\n1: umull r1, r0, r2, r3\n  subs r0, #1\n  bne 1b\n  bx lr", "loop"),
         ("  movs r0, #3\n1: bl g\n  subs r0, #1\n  bne 1b\n  bx lr", "loop"),
         ("  movs r0, #3\n1: cbz r1, 2f\n  subs r0, #1\n  bne 1b\n2: bx lr", "loop"),
         ("  push {r4, lr}\n  bl f\n  pop {r4, pc}", "calls itself"),
@@ -198,7 +218,7 @@ def test_what_moves_the_stack(mnemonic, operands, growth):
 def test_software_division_has_its_27_rounds(tmp_path):
     """The loop of libgcc's division makes a bit of the quotient each round: 24, and three to round."""
     golden = load_controller("tests/golden/figure7.controller.toml")
-    code = link_controller(transpile(golden, tmp_path, "lamp"), CORTEX_M0_TARGET, "-Os")
+    code, _ = link_controller(transpile(golden, tmp_path, "lamp"), CORTEX_M0_TARGET, "-Os")
     division = bound_function(code, CORTEX_M0_TARGET, "__aeabi_fdiv")
     disassembly = [code.instructions[a] for a in sorted(code.instructions) if a >= code.entries["__aeabi_fdiv"]]
     loop = next(i for i, line in enumerate(disassembly) if re.match(r"r0, #27", line.operands))
