@@ -7,9 +7,10 @@ PACKAGES := controller sim_models evolve deploy firmware_gen servolve
 C_FILES := $(wildcard controller/runtime/*.c controller/runtime/*.h sim_models/native/*.c sim_models/native/*.h)
 FIRMWARE_C := $(wildcard firmware_gen/runtime/*.[ch] firmware_gen/boards/*/*.[ch] firmware_gen/boards/*/*.cpp)
 OUT ?= demo-out
+FUZZ_SECONDS ?= 60
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format accept bench clean
+.PHONY: help demo test check format accept fuzz bench clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -40,9 +41,13 @@ accept: $(VENV)/ready ## what needs a quiet machine or much time: rates, ratios,
 	$(BIN)/pytest --long tests/test_machine_*.py
 	$(BIN)/pytest --long tests/test_bits_*.py
 	$(BIN)/pytest --fuzz-seconds 600 tests/test_fuzz.py
+	$(BIN)/python tests/fuzz_firmware.py --seconds 360 --out build/fuzz
 	$(BIN)/servolve bench rollout
 	$(BIN)/servolve bench evolve --quick
 	$(BIN)/servolve bench bus
+
+fuzz: $(VENV)/ready ## feed the firmware any bytes, FUZZ_SECONDS for each of five targets; leaves build/fuzz
+	$(BIN)/python tests/fuzz_firmware.py --seconds $(FUZZ_SECONDS) --out build/fuzz
 
 bench: $(VENV)/ready ## measure speed, as ratios
 	$(BIN)/servolve bench

@@ -143,7 +143,8 @@ sv_reply sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, 
 }
 
 sv_reply sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
-  return sv_answer(bus, sv_send_write(bus, joint, address, data, size), joint, 0, 0, 0);
+  uint8_t nothing = 0;
+  return sv_answer(bus, sv_send_write(bus, joint, address, data, size), joint, 0, 0, &nothing);
 }
 
 static uint32_t sv_all(const sv_bus* bus) { return (1U << bus->rig->njoint) - 1U; }

@@ -3,8 +3,10 @@
 #include "sv_hal.h"
 
 #define SV_BITS_PER_BYTE 10U
-#define SV_NBYTE_MAX 16384  // of one stretch in which the line is busy
-#define SV_FLUSH_MAX 256    // reads that a flush may take: no babbling line holds it up
+#define SV_WAIT_US_MAX 50000    // the watchdog is fed as often
+#define SV_NBYTE_MAX 16384      // of one stretch in which the line is busy
+#define SV_FLUSH_MAX 256        // reads that a flush may take: no babbling line holds it up
+#define SV_OVERDUE_US_MAX 2000  // how long after its deadline a transaction may still take what waits
 
 // Return how long bytes are on the line [us], rounded up; 1e7 * nbyte / baud in 32 bits.
 static int32_t sv_line_us(const sv_bus* bus, int32_t nbyte) {
@@ -68,10 +70,11 @@ void sv_bus_expect(sv_bus* bus, int32_t nbyte, int32_t nreply) {
 
 int32_t sv_bus_take(sv_bus* bus) {
   const int32_t room = (int32_t)sizeof bus->received - bus->nreceived;
+  int64_t seen_us = -1;
   for (;;) {
     const int64_t now_us = sv_hal_now_us();
     // what has come by the deadline is taken after it, but a line that never falls silent is left alone
-    if (room == 0 || now_us >= bus->deadline_us + bus->patience_us) {
+    if (room == 0 || now_us >= bus->deadline_us + SV_OVERDUE_US_MAX) {
       return 0;
     }
     const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received + bus->nreceived, room);
@@ -83,7 +86,12 @@ int32_t sv_bus_take(sv_bus* bus) {
     if (now_us >= bus->deadline_us) {
       return 0;
     }
-    sv_hal_wait(bus->deadline_us);
+    // a clock that stands still is no reason to feed
+    if (now_us != seen_us) {
+      sv_hal_feed_watchdog();
+    }
+    seen_us = now_us;
+    sv_hal_wait(bus->deadline_us - now_us > SV_WAIT_US_MAX ? now_us + SV_WAIT_US_MAX : bus->deadline_us);
   }
 }
 
