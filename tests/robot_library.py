@@ -111,24 +111,46 @@ int32_t sv_verify(const sv_program* program) { return program == 0; }
 FLAGS = "-std=c99 -O1 -Wall -Wextra -Wconversion -Wmissing-prototypes -Werror -ffp-contract=off -fsanitize=undefined"
 
 
-def build_robot(folder, rig, controller):
+def compile_runtime(folder):
+    """Return the objects of all that is the same for every rig.
+
+    Args:
+        folder: where they are built
+    """
+    sources = [path for path in sorted(RUNTIME.glob("*.c")) if path.name != "main.c"]
+    sources += [SHARED / f"sv_{name}.c" for name in ("cycle", "homing", "schedule")]
+    (folder / "program.c").write_text(PROGRAM)
+    _compile("-c", *sources, "program.c", folder=folder)
+    return sorted(folder.glob("*.o"))
+
+
+def build_robot(folder, objects, rig, controller):
     """Return the library.
 
     Args:
         folder: where it is built
+        objects: of the runtime
         rig: the rig
         controller: any that fits it; it is never run
     """
     texts = {"rig.c": rig_source(rig, controller), "rig.h": rig_header(rig, make_unit(controller)), "hal.c": HAL}
-    for name, text in (texts | {"program.c": PROGRAM}).items():
+    for name, text in texts.items():
         (folder / name).write_text(text)
-    sources = [str(path) for path in sorted(RUNTIME.glob("*.c")) if path.name != "main.c"]
-    sources += [str(SHARED / f"sv_{name}.c") for name in ("cycle", "homing", "schedule")]
-    sources += [str(folder / name) for name in ("rig.c", "hal.c", "program.c")]
-    command = ["gcc", *FLAGS.split(), "-fsanitize-undefined-trap-on-error", "-shared", "-fPIC"]
-    includes = [f"-I{folder}", f"-I{RUNTIME}", f"-I{SHARED}"]
-    subprocess.run([*command, *includes, *sources, "-o", str(folder / "robot.so")], check=True)
+    _compile("-shared", "-o", "robot.so", "rig.c", "hal.c", *objects, folder=folder)
     built = ctypes.CDLL(str(folder / "robot.so"))
     built.now.restype = built.starved.restype = ctypes.c_int64
     built.sent.restype = ctypes.POINTER(ctypes.c_uint8)
     return built
+
+
+def _compile(*arguments, folder):
+    command = [
+        "gcc",
+        *FLAGS.split(),
+        "-fsanitize-undefined-trap-on-error",
+        "-fPIC",
+        "-I.",
+        f"-I{RUNTIME}",
+        f"-I{SHARED}",
+    ]
+    subprocess.run([*command, *map(str, arguments)], check=True, cwd=folder)

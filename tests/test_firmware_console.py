@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from rig_bench import RIG, sway
-from robot_library import build_robot
+from robot_library import build_robot, compile_runtime
 
 
 class Wish(ctypes.Structure):
@@ -51,7 +51,8 @@ class Console:
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    return Console(build_robot(tmp_path_factory.mktemp("console"), RIG, sway()))
+    runtime = compile_runtime(tmp_path_factory.mktemp("runtime"))
+    return Console(build_robot(tmp_path_factory.mktemp("console"), runtime, RIG, sway()))
 
 
 @pytest.fixture

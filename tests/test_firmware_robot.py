@@ -5,7 +5,7 @@ import ctypes
 import dynamixel_sdk
 import pytest
 from rig_bench import RIG, sway
-from robot_library import build_robot
+from robot_library import build_robot, compile_runtime
 from test_velocity_rig import JUMPER, TURN
 
 from controller import load_rig, parse_controller, registers
@@ -52,10 +52,15 @@ class Robot:
         return self.library.state(ctypes.byref(why)), why
 
 
+@pytest.fixture(scope="module")
+def runtime(tmp_path_factory):
+    return compile_runtime(tmp_path_factory.mktemp("runtime"))
+
+
 @pytest.fixture(scope="module", params=RIGS)
-def robot(request, tmp_path_factory):
+def robot(request, runtime, tmp_path_factory):
     rig, controller = RIGS[request.param]
-    return Robot(build_robot(tmp_path_factory.mktemp("robot"), rig, controller), rig)
+    return Robot(build_robot(tmp_path_factory.mktemp("robot"), runtime, rig, controller), rig)
 
 
 def frames(rig, data):
