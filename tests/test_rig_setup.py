@@ -7,6 +7,7 @@ import time
 from contextlib import closing
 
 import pytest
+from manual import scs_text
 from served_rig import serve, servolve
 
 from controller import load_rig
@@ -14,6 +15,7 @@ from controller.errors import InputError, RunError
 from controller.families import family_of
 from controller.products import PRODUCTS
 from controller.registers import registers
+from controller.rig_file import parse_rig
 from deploy.lockstep_port import LockstepPort
 from deploy.open_bus import open_bus
 from deploy.servo_setup import Place, changes, find_servo, move_servo, require_free
@@ -23,7 +25,8 @@ from deploy.virtual.rig import VirtualRig
 from servolve.cli import main
 
 PATIENCE_S = 90.0  # the machine may be busy
-RIGS = {"lamp-xc330": 57_600, "lamp-xl430": 4_500_000, "lamp-ax12": 500_000, "lamp-sts3215": 115_200}
+RIGS = {"lamp-xc330": 57_600, "lamp-xl430": 4_500_000, "lamp-ax12": 500_000, "lamp-sts3215": 115_200, "scs": 500_000}
+"""Rig => another bit rate than its own; of SCS servos none is shipped."""
 
 
 class Line:
@@ -64,9 +67,11 @@ class Line:
 @pytest.fixture
 def line(request):
     """Return a line of the rig that the test names."""
-    rig = load_rig(request.param)
+    rig = parse_rig(scs_text(), load_rig("lamp-xl330").path) if request.param == "scs" else load_rig(request.param)
     with LockstepBench(VirtualRig(rig)) as bench:
-        yield Line(bench, rig)
+        line = Line(bench, rig)
+        line.other_baud = RIGS[request.param]
+        yield line
 
 
 each = pytest.mark.parametrize("line", RIGS, indirect=True)
@@ -74,7 +79,7 @@ each = pytest.mark.parametrize("line", RIGS, indirect=True)
 
 @each
 def test_a_servo_gets_id_and_bit_rate_for_good_and_goes_back(line):
-    baud, made = RIGS[line.rig.name], []
+    baud, made = line.other_baud, []
     with closing(open_bus(line.open_port(line.rig.bus.baud), line.rig)) as bus:
         bus.write_register(2, line.table["torque_enable"], 1)
     old, new = line.set_up(2, 17, baud, made.append)
@@ -96,7 +101,7 @@ def test_a_servo_gets_id_and_bit_rate_for_good_and_goes_back(line):
 
 @each
 def test_an_id_that_another_servo_has_is_refused_wherever_the_servo_would_be(line):
-    baud = RIGS[line.rig.name]
+    baud = line.other_baud
     with pytest.raises(InputError, match=r"a servo answers to id 3 at .* already; choose another id"):
         line.set_up(2, 3, line.rig.bus.baud)
     line.set_up(3, 3, baud)
@@ -151,14 +156,14 @@ def test_a_servo_that_falls_silent_half_way_is_told_with_where_it_is(line):
         line.bench.rig.set_faults([parse_fault("drop=#40")])
 
     with pytest.raises(RunError, match=r"did not answer|reads"):
-        line.set_up(2, 9, RIGS[line.rig.name], cut)
+        line.set_up(2, 9, line.other_baud, cut)
 
     def interrupt(_):
         raise KeyboardInterrupt
 
     line.bench.rig.set_faults([])
     with pytest.raises(KeyboardInterrupt):
-        line.set_up(1, 11, RIGS[line.rig.name], interrupt)
+        line.set_up(1, 11, line.other_baud, interrupt)
     held = line.held(Place(11, line.rig.bus.baud))
     assert held["id"] == 11
     assert line.family.protocol != "feetech" or held["lock"] == 1, "closed on every way out"
