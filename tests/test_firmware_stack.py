@@ -1,0 +1,65 @@
+"""The stack of a whole image is known: the deepest chain of calls fits, with two interrupts upon it."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from controller import load_controller, load_rig
+from firmware_gen.board import load_board
+from firmware_gen.project import make_project, write_project
+from firmware_gen.project_cmake import ARITHMETIC
+
+LAMP = Path(__file__).parent / "golden" / "lamp-robust.controller.toml"
+FRAME = 104 + 4  # what a Cortex-M4F with an FPU stacks for an interrupt, and to align it
+# these begin on a stack that is empty again, and never return
+ANEW = {"board_die", "board_fault"}
+PLACES = ("main", "board_external", "board_systick", "board_last_words")
+
+
+def call_graph(folder):
+    """Return bytes of stack of each function, and what each calls, as gcc tells them."""
+    sizes, calls = {}, {}
+    for path in folder.glob("*.ci"):
+        text = path.read_text()
+        for name, label in re.findall(r'node: \{ title: "([^"]+)" label: "([^"]*)"', text):
+            told = re.search(r"(\d+) bytes \((\w+)\)", label)
+            if told:
+                assert told[2] == "static", f"{name}: its stack depends on what it is given"
+                sizes[name] = int(told[1])
+        for caller, called in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
+            calls.setdefault(caller, set()).add(called)
+    return sizes, calls
+
+
+def depth(sizes, calls, name, callers=()):
+    """Return bytes of stack of a function with all that it calls."""
+    assert name not in callers, f"{name} calls itself"
+    assert name in sizes, f"{callers[-1:]} calls {name}, of which nothing is known"
+    if name in ANEW and callers:
+        return 0
+    return sizes[name] + max(
+        (depth(sizes, calls, called, (*callers, name)) for called in calls.get(name, ())), default=0
+    )
+
+
+@pytest.mark.parametrize(
+    ("board", "rig"), [("stm32f405", "lamp-xc330"), ("stm32f405", "lamp-sts3215"), ("mps2-an386", "lamp-xc330")]
+)
+def test_the_deepest_chain_of_calls_and_two_interrupts_fit_the_stack(board, rig, tmp_path):
+    found = load_board(board)
+    write_project(make_project(load_controller(LAMP), load_rig(rig), found), tmp_path)
+    graph = tmp_path / "graph"
+    graph.mkdir()
+    sources = [str(path) for folder in ("src", "runtime", "board") for path in sorted(tmp_path.glob(f"{folder}/*.c"))]
+    paths = [f"-I{tmp_path / folder}" for folder in ("src", "runtime", "board")]
+    command = [found.compiler, *ARITHMETIC, *found.flags, "-fcallgraph-info=su", *paths, "-c", *sources]
+    done = subprocess.run(command, cwd=graph, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    sizes, calls = call_graph(graph)
+    main, external, systick, last_words = (depth(sizes, calls, name) for name in PLACES)
+    stack = int(re.search(r"stack_size : (\d+);", (found.folder / "link.ld").read_text())[1])
+    needed = main + FRAME + external + FRAME + systick
+    assert needed <= stack, f"main {main}, interrupts {external} and {systick}, frames {2 * FRAME}"
+    assert last_words + FRAME <= stack
