@@ -138,8 +138,8 @@ def _steps(rig: Rig, board: Board) -> list[str]:
         "5. `derate 1`, `seconds 6`, `arm`, `start`.",
         "",
         "Between its lines of text the console carries the log as binary records. Record all that it sends, as with",
-        "`picocom --logfile CONSOLE.bin`, and `servolve log CONSOLE.bin --out LOG.mcap` makes of it the log that",
-        "`servolve deploy` writes.",
+        "`picocom --logfile CONSOLE.bin`, and `servolve log CONSOLE.bin --project . --out LOG.mcap` makes of it",
+        "the log that `servolve deploy` writes.",
         "",
     ]
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 from cyclopts import Parameter
 from rich.console import Console
 
-from controller import Controller, Rig, load_controller
+from controller import Controller, Rig, load_controller, load_rig, parse_controller
 from controller.errors import InputError
+from controller.rig_file import parse_rig, rig_names
 from deploy.firmware.dump import DumpedRun, dumped_runs, lost_cycles, write_run
 from deploy.host_loop import Outcome, RunOptions
 from deploy.log import RunLog
@@ -20,16 +21,18 @@ from servolve.run_meta import run_meta
 from servolve.run_rig import rig_of
 from servolve.run_table import tell
 
-_BYTES_MAX = 1 << 30
+_BYTES_MAX: Final = 1 << 30
+_PROJECT: Final = "servolve.json"
 
 
 def log(
     console: Path,
     /,
     *,
-    controller: Path,
-    rig: str | None = None,
     out: Path,
+    project: Path | None = None,
+    controller: Path | None = None,
+    rig: str | None = None,
     run: int | None = None,
     json_: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> int:
@@ -39,17 +42,18 @@ def log(
 
     Args:
         console: file with the recorded bytes
-        controller: the controller that is in the firmware, or a run folder (its best)
-        rig: name that `servolve rig list` prints, or path of a rig file; left out: the one it was evolved on
         out: MCAP file to write
+        project: folder of the firmware's project, which keeps rig and controller
+        controller: instead of the project: the controller that is in the firmware, or a run folder (its best)
+        rig: of such a controller: name that `servolve rig list` prints, or path of a rig file; left out: the one it was
+            evolved on
         run: which run of the recording, from 1; left out: the last
         json_: print one JSON object
 
     Returns:
         exit status; 0: written, whatever became of the run
     """
-    loaded = load_controller(controller)
-    about = rig_of(controller, loaded, rig)
+    loaded, about = _made_from(project, controller, rig)
     runs, damaged = dumped_runs(_read(console), about, loaded)
     chosen = _choose(console, runs, run)
     _check_origin(console, chosen, about, loaded)
@@ -59,6 +63,29 @@ def log(
         outcome = write_run(chosen, about, loaded, record.write)
     _report(chosen, about, loaded, options, outcome, damaged, out, json_)
     return 0
+
+
+def _made_from(project: Path | None, controller: Path | None, rig: str | None) -> tuple[Controller, Rig]:
+    """Return controller and rig of the firmware."""
+    if (project is None) == (controller is None):
+        raise InputError("--project or --controller: one of them is needed; give the folder of the firmware's project")
+    if controller is not None:
+        loaded = load_controller(controller)
+        return loaded, rig_of(controller, loaded, rig)
+    assert project is not None
+    if rig is not None:
+        raise InputError("--rig: the project says which; leave it out")
+    path = project / _PROJECT
+    try:
+        kept = json.loads(path.read_text())
+        texts = kept["controller"]["text"], kept["rig"]["text"]
+        name = kept["rig"]["name"]
+        folder = load_rig(name).path.parent if name in rig_names() else project
+        return parse_controller(texts[0], f"{path}: controller"), parse_rig(texts[1], folder / f"{name}.rig.toml")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give the folder of a firmware project") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: is not what servolve firmware writes; write the project again") from None
 
 
 def _read(path: Path) -> bytes:

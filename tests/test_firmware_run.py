@@ -105,6 +105,30 @@ def test_a_recorded_console_becomes_the_log_of_its_last_run(capsys, tmp_path, re
     assert "gave no reply for 4 periods" in told["reason"]
 
 
+def test_the_projects_folder_knows_what_the_recording_is_of(capsys, tmp_path, project, recorded):
+    run, _, last = recorded
+    assert main(["firmware", LAMP, "--board", "host", "--out", str(project)]) == 0
+    path, out = tmp_path / "console.bin", tmp_path / "board.mcap"
+    path.write_bytes(last)
+    capsys.readouterr()
+    status, told, _ = asked(capsys, "log", path, "--project", project, "--out", out, "--json")
+    assert (status, told["rig"], told["cycles"]) == (0, "lamp-xc330", 50)
+    assert read_log(out).cycles == run.log.cycles
+    assert main(["replay", str(out)]) == 0
+    capsys.readouterr()
+    for arguments, sentence in (
+        ((), "give the folder of the firmware's project"),
+        (("--project", project, "--controller", LAMP), "one of them is needed"),
+        (("--project", project, "--rig", "lamp-xc330"), "the project says which"),
+        (("--project", tmp_path), "servolve.json: cannot be read"),
+    ):
+        status, _, err = asked(capsys, "log", path, *arguments, "--out", out)
+        assert status == 2
+        assert sentence in err
+    (tmp_path / "servolve.json").write_text('{"rig": 3}')
+    assert "is not what servolve firmware writes" in asked(capsys, "log", path, "--project", tmp_path, "--out", out)[2]
+
+
 def test_a_damaged_recording_gives_what_is_left_of_it(capsys, tmp_path, recorded):
     _, _, last = recorded
     path, out = tmp_path / "console.bin", tmp_path / "board.mcap"
