@@ -1,11 +1,14 @@
 """Firmware in the loop: the native twin does what the host loop does, byte by byte, and ends where it ends."""
 
+from dataclasses import replace
+
 import pytest
-from firmware_runs import STS3215, XC330, firmware_run, host_run
+from firmware_runs import STS3215, XC330, firmware_run, host_run, image
 from rig_bench import torque_read_back
 
 from controller.registers import registers
 from deploy.compare import compare
+from deploy.firmware.twin import TwinProcess
 from deploy.replay import replay
 from deploy.states import State
 
@@ -75,3 +78,49 @@ def test_a_person_stops_the_run_in_any_state(tmp_path, at):
     assert [event["text"] for event in twin.log.events if event["kind"] == "stop"] == [twin.outcome.reason]
     assert twin.virtual.now < at + 0.5
     assert set(torque_read_back(twin.virtual).values()) == {0}
+
+
+STOP, START = 1, 2
+
+
+class Pressing:
+    """Stand between bench and firmware, with a finger on its inputs."""
+
+    def __init__(self, firmware, press, hush=b""):
+        self.firmware = firmware
+        self.press = press
+        self.hush = hush
+
+    def resume(self, given):
+        console = given.console.replace(self.hush, b"")
+        return self.firmware.resume(replace(given, inputs=self.press(given.now_us * 1e-6), console=console))
+
+    def close(self):
+        self.firmware.close()
+
+
+@pytest.mark.parametrize("at", [0.1, 0.32, 0.5, 1.2])
+def test_the_stop_input_stops_the_run_in_any_state(tmp_path, at):
+    twin = firmware_run(
+        tmp_path / "twin.mcap",
+        XC330,
+        seconds=5.0,
+        machine=lambda: Pressing(TwinProcess(image(XC330, "host")), lambda now: STOP if now >= at else 0),
+    )
+    assert (twin.outcome.state, twin.outcome.done) == (State.OFF, False)
+    assert twin.outcome.reason == "stopped: the stop input is active"
+    assert twin.virtual.now < at + 0.5
+    assert set(torque_read_back(twin.virtual).values()) == {0}
+
+
+def test_the_start_input_does_what_arm_and_start_do(tmp_path):
+    pressed = firmware_run(
+        tmp_path / "twin.mcap",
+        XC330,
+        seconds=1.0,
+        machine=lambda: Pressing(
+            TwinProcess(image(XC330, "host")), lambda now: START if now >= 0.1 else 0, b"arm\nstart\n"
+        ),
+    )
+    assert (pressed.outcome.state, pressed.outcome.done, pressed.outcome.cycles) == (State.OFF, True, 50)
+    assert pressed.frames[0][1] >= 0.1
