@@ -73,7 +73,8 @@ static int32_t sv_send_sync_read(sv_bus* bus, const sv_asked* asked, int32_t add
   for (int32_t i = 0; i < asked->n; i++) {
     at = sv_put_bytes(bus->frame, at, &bus->rig->joints[asked->joints[i]].id, 1);
   }
-  return sv_send(bus, SV_PACKET2_BROADCAST, asked->fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at);
+  return sv_send(bus, SV_PACKET2_BROADCAST,
+                 SV_FAST_SYNC_READ(bus->rig) && asked->fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at);
 }
 
 int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size, const uint8_t* data, uint8_t* frame) {

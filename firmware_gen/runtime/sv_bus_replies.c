@@ -220,12 +220,13 @@ int32_t sv_bus_fast_size(const sv_asked* asked) {
 
 void sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t wanted, sv_reply* replies, uint8_t* data) {
   const int32_t around = sv_is_dynamixel(bus) ? SV_PACKET2_STATUS + SV_STUFFING : SV_PACKET1_STATUS;
-  const int32_t nbyte = asked->fast ? sv_bus_fast_size(asked) : asked->n * (around + asked->size);
+  const int32_t fast = SV_FAST_SYNC_READ(bus->rig) && asked->fast;
+  const int32_t nbyte = fast ? sv_bus_fast_size(asked) : asked->n * (around + asked->size);
   sv_bus_expect(bus, nbyte, asked->n);
   bus->echoed = 0;
   int32_t corrupt = 0;
-  const uint32_t answered = asked->fast ? sv_collect_fast(bus, asked, wanted, replies, data, &corrupt)
-                                        : sv_collect(bus, asked, wanted, replies, data, &corrupt);
+  const uint32_t answered = fast ? sv_collect_fast(bus, asked, wanted, replies, data, &corrupt)
+                                 : sv_collect(bus, asked, wanted, replies, data, &corrupt);
   // what was read and not used was part of a transaction that is over
   bus->nreceived = 0;
   uint32_t lost = 0;
