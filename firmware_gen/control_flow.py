@@ -78,16 +78,16 @@ def is_call(code: MachineCode, instruction: Instruction) -> bool:
     return _CALL.fullmatch(name) is not None and instruction.target in code.entry_addresses
 
 
-@lru_cache(maxsize=256)
-def function_graph(code: MachineCode, entry: int) -> Graph:
-    """Follow a function's machine code.
+@lru_cache(maxsize=1024)
+def function_ways(code: MachineCode, entry: int) -> Mapping[int, list[Way]]:
+    """Return the ways on from every instruction that a function can reach, its loops included.
 
     Args:
         code: the machine code
         entry: address of the function
 
     Raises:
-        UnboundedError: there is a loop that does not count down from a constant, or a jump that can not be followed
+        UnboundedError: there is a jump that can not be followed
     """
     ways: dict[int, list[Way]] = {}
     todo = [entry]
@@ -99,6 +99,21 @@ def function_graph(code: MachineCode, entry: int) -> Graph:
             raise UnboundedError(f"control leaves the code at {address:#x}")
         ways[address] = _ways(code, code.instructions[address], entry)
         todo += [way.to for way in ways[address] if way.to is not None]
+    return ways
+
+
+@lru_cache(maxsize=1024)
+def function_graph(code: MachineCode, entry: int) -> Graph:
+    """Follow a function's machine code, and take out the ways back of its loops.
+
+    Args:
+        code: the machine code
+        entry: address of the function
+
+    Raises:
+        UnboundedError: there is a loop that does not count down from a constant, or a jump that can not be followed
+    """
+    ways = dict(function_ways(code, entry))
     loops = {}
     for last, first in _ways_back(entry, ways):
         if last in loops:

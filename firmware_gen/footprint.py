@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from controller.errors import RunError
 from firmware_gen.generate import Transpiled
+from firmware_gen.machine_code import MachineCode
+from firmware_gen.stack_depth import stack_depth
 from firmware_gen.targets import FUNCTIONS, Target, link_controller
 from firmware_gen.worst_case import WorstCase, bound_function
 
@@ -23,6 +25,7 @@ class Footprint:
         text_bytes: of the controller's own code, without its selftest
         library_bytes: of the compiler's routines that it calls, with their constants
         selftest_bytes: what a firmware that calls the selftest has besides, code and recorded steps
+        selftest_stack_bytes: what the selftest takes of the stack, or None where that is not known
         data_bytes: writable memory outside the state structure: none
         sizes: code of each function [bytes], by its name without the unit's
         bounds: of each function, by its name without the unit's
@@ -35,6 +38,7 @@ class Footprint:
     text_bytes: int
     library_bytes: int
     selftest_bytes: int
+    selftest_stack_bytes: int | None
     data_bytes: int
     sizes: Mapping[str, int]
     bounds: Mapping[str, WorstCase]
@@ -95,8 +99,16 @@ def measure_footprint(transpiled: Transpiled, target: Target, level: str) -> Foo
         text_bytes=code.text_bytes - library,
         library_bytes=library,
         selftest_bytes=tested.text_bytes - code.text_bytes,
+        selftest_stack_bytes=_stack(tested, f"{prefix}selftest"),
         data_bytes=tested.data_bytes,
         sizes={name.removeprefix(prefix): size for name, size in own.items()},
         bounds=bounds,
         refusals=refusals,
     )
+
+
+def _stack(code: MachineCode, function: str) -> int | None:
+    try:
+        return stack_depth(code, code.entries[function])
+    except RunError:
+        return None

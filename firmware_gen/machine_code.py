@@ -14,6 +14,7 @@ from controller.errors import RunError
 _HEADER: Final = re.compile(r"^([0-9a-f]+) <([^>]+)>:$")
 _LINE: Final = re.compile(r"^ +([0-9a-f]+):\t([0-9a-f ]+?) *\t([a-z][\w.]*)(?:\t([^@;<]*)(?:<([^>]*)>)?)?")
 _DUMP: Final = re.compile(r"^ [0-9a-f]+ ((?:[0-9a-f]{2,8} ){1,4})", re.M)
+_LITERAL: Final = re.compile(r"^ +([0-9a-f]+):\t[0-9a-f ]+\t\.word\t0x([0-9a-f]+)", re.M)
 _SECTION: Final = re.compile(r"^\s*\d+ (\.\S+)\s+([0-9a-f]+) ", re.M)
 _SYMBOL: Final = re.compile(r"^([0-9a-f]+) ([0-9a-f]+) [Tt] (\S+)$", re.M)
 
@@ -47,6 +48,7 @@ class MachineCode:
     Args:
         compiler: the first line of the compiler's version
         instructions: by address
+        literals: words among the instructions, by address
         entries: address of each function, by name
         sizes: length of each function, literals included, by name [bytes]
         text_bytes: code and constants together
@@ -56,6 +58,7 @@ class MachineCode:
 
     compiler: str
     instructions: dict[int, Instruction]
+    literals: dict[int, int]
     entries: dict[str, int]
     sizes: dict[str, int]
     text_bytes: int
@@ -119,6 +122,7 @@ def read_machine_code(image: Path, tools: str, compiler: str) -> MachineCode:
     return MachineCode(
         compiler=compiler,
         instructions=instructions,
+        literals={int(address, 16): int(word, 16) for address, word in _LITERAL.findall(listing)},
         entries=entries,
         sizes={name: int(size, 16) for _, size, name in symbols},
         text_bytes=constants + sum(size for name, size in sections.items() if name.startswith(".text")),

@@ -208,7 +208,8 @@ def _build(build: Footprint) -> list[str]:
     timings = build.target.timings
     lines = [
         f"`{build.level}`: {build.text_bytes} bytes of code, {build.library_bytes} bytes of the compiler's library, "
-        f"{build.selftest_bytes} more bytes with the selftest, {build.data_bytes} bytes of writable data.\n",
+        f"{build.selftest_bytes} more bytes with the selftest, which takes {_known(build.selftest_stack_bytes)} bytes "
+        f"of stack; {build.data_bytes} bytes of writable data.\n",
         "| function | code [bytes] | stack [bytes] | instructions | "
         + " | ".join(f"cycles, {timing.name}" for timing in timings)
         + " |",
@@ -221,6 +222,10 @@ def _build(build: Footprint) -> list[str]:
         times = [f"{c / t.clock_hz * 1e6:.1f} µs" for c, t in zip(build.period.cycles, timings, strict=True)]
         lines.append(f"| at {timings[0].clock_hz / 1e6:g} MHz | | | | {' | '.join(times)} |")
     return [*lines, "", *[f"No bound for `{name}`: {why}.\n" for name, why in build.refusals.items()]]
+
+
+def _known(size: int | None) -> str:
+    return "an unknown number of" if size is None else str(size)
 
 
 def _bound(bound: WorstCase | None, timings: tuple[Timing, ...]) -> str:

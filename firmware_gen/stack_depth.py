@@ -1,12 +1,16 @@
-"""How deep machine code takes the stack, callees included."""
+"""How deep machine code takes the stack, callees included; loops need no bound for that, if none of them grows it."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from typing import Final
 
-from firmware_gen.control_flow import UnboundedError, function_graph, is_call
+from firmware_gen.control_flow import UnboundedError, Way, function_ways, is_call
 from firmware_gen.instruction_costs import register_count
 from firmware_gen.machine_code import Instruction, MachineCode
+
+_BY_REGISTER: Final = re.compile(r"sp, (?:sp, )?r\d+")
 
 
 def stack_depth(code: MachineCode, entry: int) -> int:
@@ -27,29 +31,60 @@ def _depth(code: MachineCode, entry: int, known: dict[int, int], callers: list[i
         return known[entry]
     if entry in callers:
         raise UnboundedError(f"{code.name_of(entry)} calls itself")
-    graph = function_graph(code, entry)
+    ways = function_ways(code, entry)
     depths = {entry: 0}
     deepest = 0
-    for address in reversed(graph.order):
+    todo = [entry]
+    while todo:
+        address = todo.pop()
         instruction = code.instructions[address]
-        depth = depths[address] + stack_growth(instruction)
+        amount = _amount(code, ways, address) if _BY_REGISTER.fullmatch(instruction.operands) else None
+        depth = depths[address] + stack_growth(instruction, amount)
         inside = _depth(code, instruction.target, known, [*callers, entry]) if is_call(code, instruction) else 0
         deepest = max(deepest, depth + inside)
-        for way in graph.ways[address]:
-            if way.to is not None and depths.setdefault(way.to, depth) != depth:
+        for way in ways[address]:
+            if way.to is None:
+                continue
+            if way.to not in depths:
+                depths[way.to] = depth
+                todo.append(way.to)
+            elif depths[way.to] != depth:
                 raise UnboundedError(f"the stack of {code.name_of(entry)} at {way.to:#x} depends on the way there")
-    for loop in graph.loops.values():
-        if depths[loop.first] != depths[loop.last]:
-            raise UnboundedError(f"the stack of {code.name_of(entry)} grows in a loop at {loop.first:#x}")
     known[entry] = deepest
     return deepest
 
 
-def stack_growth(instruction: Instruction) -> int:
+def _amount(code: MachineCode, ways: Mapping[int, list[Way]], address: int) -> int | None:
+    """Return what the register that an instruction adds to the stack pointer holds, or None where that is not known."""
+    register = code.instructions[address].operands.rpartition(" ")[2]
+    shift = 0
+    while True:
+        before = [a for a, onward in ways.items() if any(way.to == address for way in onward)]
+        if len(before) != 1:
+            return None
+        address = before[0]
+        instruction = code.instructions[address]
+        name, operands = instruction.mnemonic.partition(".")[0], instruction.operands
+        shifted = re.fullmatch(rf"{register}, {register}, #(\d+)", operands)
+        constant = re.fullmatch(rf"{register}, #(\d+)", operands)
+        literal = re.fullmatch(rf"{register}, \[pc, #(\d+)\]", operands)
+        if name == "lsls" and shifted:
+            shift += int(shifted[1])
+        elif name == "movs" and constant:
+            return int(constant[1]) << shift
+        elif name == "ldr" and literal:
+            word = code.literals.get((address & ~3) + 4 + int(literal[1]))
+            return None if word is None else ((word << shift) + 2**31) % 2**32 - 2**31
+        elif re.search(rf"\b{register}\b", operands) or is_call(code, instruction) or "-" in operands:
+            return None
+
+
+def stack_growth(instruction: Instruction, amount: int | None = None) -> int:
     """Return by how much an instruction deepens the stack [bytes]; negative, where it takes back.
 
     Args:
         instruction: the instruction
+        amount: what the register holds that it adds to the stack pointer, or None
 
     Raises:
         UnboundedError: that depends on a register
@@ -63,9 +98,11 @@ def stack_growth(instruction: Instruction) -> int:
     written_back = re.search(r"\[sp, #(-?\d+)\]!|\[sp\], #(-?\d+)", operands)
     if written_back:
         return -int(written_back[1] or written_back[2])
+    if amount is not None and name == "add":
+        return -amount
     if re.match(r"sp\b", operands) and name[:3] in ("add", "sub", "mov"):
-        amount = re.fullmatch(r"sp(?:, sp)?, #(\d+)", operands)
-        if amount is None:
+        number = re.fullmatch(r"sp(?:, sp)?, #(\d+)", operands)
+        if number is None:
             raise UnboundedError(f"'{name} {operands}' moves the stack by a register")
-        return int(amount[1]) * (1 if name.startswith("sub") else -1)
+        return int(number[1]) * (1 if name.startswith("sub") else -1)
     return 0

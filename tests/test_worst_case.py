@@ -12,7 +12,7 @@ from controller import Controller, Input, Output, load_controller, lower
 from firmware_gen import transpile
 from firmware_gen.control_flow import UnboundedError
 from firmware_gen.machine_code import Instruction, read_machine_code
-from firmware_gen.stack_depth import stack_growth
+from firmware_gen.stack_depth import stack_depth, stack_growth
 from firmware_gen.targets import CORTEX_M0_TARGET, CORTEX_M4F_TARGET, FUNCTIONS, TARGETS, link_controller
 from firmware_gen.worst_case import bound_function
 
@@ -27,7 +27,7 @@ def golden(request):
 def assert_within_bounds(controller, target, level, folder):
     """Return how much of its bound on instructions each function took."""
     transpiled = transpile(controller, folder, "counted_one")
-    code, _ = link_controller(transpiled, target, level)
+    code, tested = link_controller(transpiled, target, level)
     counted = count_instructions(transpiled, target, level, folder)
     parts = {}
     for function in FUNCTIONS:
@@ -36,6 +36,8 @@ def assert_within_bounds(controller, target, level, folder):
         assert counted[function].stack_bytes <= bound.stack_bytes, function
         assert all(cycles >= bound.instructions for cycles in bound.cycles), function
         parts[function] = counted[function].instructions / bound.instructions
+    deepest = stack_depth(tested, tested.entries["counted_one_selftest"])
+    assert 0 < counted["selftest"].stack_bytes <= deepest < counted["selftest"].stack_bytes + 64
     return parts
 
 
@@ -116,6 +118,12 @@ def test_the_longest_path_by_hand(tmp_path):
     # five taken branches (beq, bl, bx, pop, and the call of f: two) wait for lines of the flash, too
     assert bound.cycles[1] >= bound.cycles[0] + 5 * (4 * 3 + 2)
     assert bound.stack_bytes == 8 + 8
+
+
+def test_a_large_frame_of_a_small_core(tmp_path):
+    body = "  push {r4, lr}\n  ldr r4, 1f\n  add sp, r4\n  nop\n  movs r3, #150\n  lsls r3, r3, #2\n  add sp, r3\n"
+    code = assembled(function("f", body + "  pop {r4, pc}\n.align 2\n1: .word -600"), tmp_path, "cortex-m0")
+    assert bound_function(code, CORTEX_M0_TARGET, "f").stack_bytes == 608
 
 
 def test_a_call_on_a_condition_counts(tmp_path):

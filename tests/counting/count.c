@@ -153,6 +153,10 @@ int main(void) {
   for (uint32_t i = 0; i < 8U; i++) {
     print_number(most[i]);
   }
+  {
+    counted volatile function = (counted)COUNTED_selftest;
+    print_number(depth(&function, 0, 0, 0) - nothing_deep);
+  }
   semihost(0x18U, (const void*)0x20026U);
   return 0;
 }
