@@ -95,6 +95,7 @@ def test_while_a_run_goes_on_only_stop_and_status_are_heard(console):
         ),
         *(b"goal 0.1234567890", b"goal 1234567891", b"seconds -1", b"seconds 4000", b"seconds 0.0000001", b"derate 0"),
         *(b"derate 1.1", b"derate -0.5", b"armed", b"go", b"x" * 39, b"start" * 20, b"arm" + b" " * 40, b"\xff\0arm"),
+        *(b"arm\0", b"arm now", b"start 5", b"arm\t", b"\xc3\xa4rm"),
     ],
 )
 def test_what_is_no_command_changes_nothing(console, words):

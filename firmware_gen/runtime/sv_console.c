@@ -150,6 +150,11 @@ static const char* sv_behind(const char* line, const char* word) {
   return *line == '\0' || *line == ' ' ? line : 0;
 }
 
+static int32_t sv_is(const char* line, const char* word) {
+  const char* rest = sv_behind(line, word);
+  return rest && *rest == '\0';
+}
+
 // Carry out what may be asked while a run goes on; return 0 if it is none of these.
 static int32_t sv_command_always(sv_robot* robot, const char* line) {
   if (sv_behind(line, "stop")) {
@@ -173,11 +178,11 @@ static int32_t sv_command(sv_robot* robot, const char* line) {
   if (rest) {
     return sv_set_derating(robot, rest);
   }
-  if (sv_behind(line, "arm") || sv_behind(line, "disarm")) {
+  if (sv_is(line, "arm") || sv_is(line, "disarm")) {
     robot->wish.arm = line[0] == 'a';
     return 1;
   }
-  robot->wish.start = sv_behind(line, "start") != 0;
+  robot->wish.start = (uint8_t)sv_is(line, "start");
   return robot->wish.start;
 }
 
@@ -196,10 +201,12 @@ static void sv_obey(sv_robot* robot, const char* line) {
   }
 }
 
-// Take one byte; a line that is too long is no command.
+// Take one byte; a line that is too long, or holds what nobody types, is no command.
 static void sv_take(sv_robot* robot, uint8_t byte) {
   if (byte != '\r' && byte != '\n') {
-    if (robot->ncommand < SV_COMMAND_MAX) {
+    if (byte < ' ' || byte > '~') {
+      robot->ncommand = SV_COMMAND_MAX;
+    } else if (robot->ncommand < SV_COMMAND_MAX) {
       robot->command[robot->ncommand++] = (char)byte;
     }
     return;
