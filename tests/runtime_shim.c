@@ -46,7 +46,6 @@ void shim_feed(shim* s, const uint8_t* bytes, int32_t n, int64_t now_us);
 int32_t shim_raw(const shim* s, int32_t sensor, int32_t* raw);
 int64_t shim_age_us(const shim* s, int32_t sensor, int64_t now_us);
 int32_t shim_stopped(const shim* s);
-int32_t shim_lost(const shim* s);
 
 void sv_hal_init(void) {}
 int64_t sv_hal_now_us(void) { return hal.now_us(); }
@@ -153,5 +152,3 @@ int64_t shim_age_us(const shim* s, int32_t sensor, int64_t now_us) {
 }
 
 int32_t shim_stopped(const shim* s) { return s->lines.emergency_stop; }
-
-int32_t shim_lost(const shim* s) { return s->lines.lost; }

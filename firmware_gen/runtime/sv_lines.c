@@ -6,13 +6,11 @@
 #define SV_RAW_DIGITS 10
 #define SV_DRIFT_PART 100     // the node's clock runs slower or faster than ours by no more than this part of it
 #define SV_MEMORY_US 1000000  // how long a difference of the clocks is remembered
-#define SV_STEP_SHIFT 17      // differences in the same 2^17 us count as one
-#define SV_LOST_MAX 1000000000
+#define SV_SHARE_SHIFT 17     // differences in the same 2^17 us count as one
 
 void sv_lines_init(sv_lines* lines, const sv_rig* rig) {
   lines->nopen = -1;
   lines->nchannel = 0;
-  lines->lost = 0;
   lines->emergency_stop = 0;
   for (int32_t i = 0; i < rig->nsensor; i++) {
     const sv_sensor* sensor = rig->sensors + i;
@@ -115,7 +113,7 @@ static int32_t sv_is_stop(const uint8_t* body, int32_t n) {
 // when its sample was taken
 
 // Forget the differences that are older than a second.
-static void sv_forget(sv_channel* channel, int64_t now_us) {
+static void sv_forget_old(sv_channel* channel, int64_t now_us) {
   int32_t old = 0;
   if (now_us - channel->updated_us > SV_MEMORY_US) {
     old = channel->ndifference;
@@ -129,33 +127,20 @@ static void sv_forget(sv_channel* channel, int64_t now_us) {
   channel->ndifference -= old;
 }
 
-// Add a difference that is seen now; larger ones that were seen before tell nothing any more.
-static void sv_see(sv_channel* channel, int64_t difference_us, int64_t now_us) {
-  const uint32_t now = (uint32_t)now_us;
-  while (channel->ndifference > 0 &&
-         channel->least_us + channel->differences[channel->ndifference - 1].above_us >= difference_us) {
+// Add a difference above the offset that is seen now; larger ones that were seen before tell nothing any more.
+static void sv_see(sv_channel* channel, int32_t above_us, int64_t now_us) {
+  const sv_difference newest = {(uint32_t)now_us, above_us};
+  while (channel->ndifference > 0 && channel->differences[channel->ndifference - 1].above_us >= above_us) {
     channel->ndifference--;
   }
-  if (channel->ndifference == 0) {
-    channel->least_us = difference_us;
-  }
-  sv_difference* last = channel->differences + (channel->ndifference > 0 ? channel->ndifference - 1 : 0);
+  sv_difference* next = channel->differences + channel->ndifference;
   if (channel->ndifference == SV_WINDOW_MAX ||
-      (channel->ndifference > 0 && last->seen_us >> SV_STEP_SHIFT == now >> SV_STEP_SHIFT)) {
-    last->seen_us = now;
+      (channel->ndifference > 0 && next[-1].seen_us >> SV_SHARE_SHIFT == newest.seen_us >> SV_SHARE_SHIFT)) {
+    next[-1].seen_us = newest.seen_us;
     return;
   }
-  const sv_difference newest = {now, (uint32_t)(difference_us - channel->least_us)};
-  channel->differences[channel->ndifference++] = newest;
-}
-
-// Count from the first one again.
-static void sv_rebase(sv_channel* channel) {
-  const uint32_t above_us = channel->differences[0].above_us;
-  channel->least_us += above_us;
-  for (int32_t i = 0; i < channel->ndifference; i++) {
-    channel->differences[i].above_us -= above_us;
-  }
+  *next = newest;
+  channel->ndifference++;
 }
 
 // Return how far the clocks may have drifted apart in a time.
@@ -165,32 +150,31 @@ static int64_t sv_drift_us(int64_t elapsed_us) {
 }
 
 // Date a channel's new line; return whether it is another sample than the last.
-static int32_t sv_date(sv_channel* channel, int64_t seq, int64_t t_us, int64_t now_us, int32_t* lost) {
+static int32_t sv_date(sv_channel* channel, int64_t t_us, int64_t now_us) {
+  const int64_t difference_us = now_us - t_us - channel->latency_us;
   if (channel->seen && t_us == channel->t_us) {
     return 0;
   }
-  const int32_t goes_on = channel->seen && t_us > channel->t_us;
-  if (goes_on) {
-    sv_forget(channel, now_us);
-    const int64_t skipped = seq - channel->seq - 1;
-    *lost += skipped > 0 ? (int32_t)(skipped < SV_LOST_MAX ? skipped : SV_LOST_MAX) : 0;
-    *lost = *lost < SV_LOST_MAX ? *lost : SV_LOST_MAX;
-  } else {
+  const int32_t starts = !channel->seen || t_us < channel->t_us;
+  // never above what was seen within a second: a smaller difference dates at once
+  if (starts || difference_us < channel->offset_us) {
+    channel->offset_us = difference_us;
     channel->ndifference = 0;
   }
-  sv_see(channel, now_us - t_us - channel->latency_us, now_us);
-  sv_rebase(channel);
-  int64_t offset_us = channel->least_us;
-  if (goes_on) {
-    const int64_t offset_max = channel->offset_us + sv_drift_us(now_us - channel->updated_us);
-    offset_us = offset_us < offset_max ? offset_us : offset_max;
+  const int64_t drift_us = starts ? 0 : sv_drift_us(now_us - channel->updated_us);
+  const int64_t above_us = difference_us - channel->offset_us;
+  sv_forget_old(channel, now_us);
+  sv_see(channel, above_us < INT32_MAX ? (int32_t)above_us : INT32_MAX, now_us);
+  // a larger one than all of that second's can only come of clocks that drift apart
+  const int32_t least_us = channel->differences[0].above_us;
+  const int32_t grown_us = least_us < drift_us ? least_us : (int32_t)drift_us;
+  channel->offset_us += grown_us;
+  for (int32_t i = 0; i < channel->ndifference; i++) {
+    channel->differences[i].above_us -= grown_us;
   }
   channel->seen = 1;
-  channel->seq = seq;
   channel->t_us = t_us;
-  channel->offset_us = offset_us;
   channel->updated_us = now_us;
-  channel->sampled_us = t_us + offset_us;
   return 1;
 }
 
@@ -217,9 +201,8 @@ static void sv_take_line(sv_lines* lines, const sv_rig* rig, int64_t now_us) {
     lines->emergency_stop = 1;
     return;
   }
-  int64_t seq = 0;
   int64_t t_us = 0;
-  if (!sv_skip(&rest, ',') || !sv_number(&rest, SV_SEQ_DIGITS, &seq) || !sv_skip(&rest, ',') ||
+  if (!sv_skip(&rest, ',') || !sv_number(&rest, SV_SEQ_DIGITS, &t_us) || !sv_skip(&rest, ',') ||
       !sv_number(&rest, SV_TIME_DIGITS, &t_us)) {
     return;
   }
@@ -230,7 +213,7 @@ static void sv_take_line(sv_lines* lines, const sv_rig* rig, int64_t now_us) {
   }
   for (int32_t place = 0; place < lines->nchannel && rest.at == rest.end; place++) {
     sv_channel* channel = lines->channels + place;
-    if (channel->message == line[0] && ncount >= channel->width && sv_date(channel, seq, t_us, now_us, &lines->lost)) {
+    if (channel->message == line[0] && ncount >= channel->width && sv_date(channel, t_us, now_us)) {
       sv_hold(lines, rig, place, counts);
     }
   }
@@ -262,5 +245,7 @@ int32_t sv_lines_raw(const sv_lines* lines, int32_t sensor, int32_t* raw) {
 
 int64_t sv_lines_age_us(const sv_lines* lines, int32_t sensor, int64_t now_us) {
   const int32_t place = lines->channel_of[sensor];
-  return place < lines->nchannel && lines->channels[place].seen ? now_us - lines->channels[place].sampled_us : -1;
+  return place < lines->nchannel && lines->channels[place].seen
+             ? now_us - lines->channels[place].t_us - lines->channels[place].offset_us
+             : -1;
 }

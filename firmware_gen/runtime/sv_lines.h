@@ -27,8 +27,8 @@ extern "C" {
 
 // A difference of the clocks, the smallest since it was seen.
 typedef struct {
-  uint32_t seen_us;   // wraps
-  uint32_t above_us;  // above the channel's least_us
+  uint32_t seen_us;  // wraps
+  int32_t above_us;  // above the channel's offset
 } sv_difference;
 
 // The newest line of one letter, and how the node's clock stands to ours.
@@ -37,12 +37,9 @@ typedef struct {
   uint8_t seen;        // whether a line has come
   uint8_t width;       // integers that a line must have
   int32_t latency_us;  // from a sample to its line's last byte
-  int64_t seq;         // the node's line counter
   int64_t t_us;        // the node's time of the sample
-  int64_t sampled_us;  // our time of it
+  int64_t offset_us;   // our time less the node's
   int64_t updated_us;  // when the line was read
-  int64_t offset_us;   // our time less the node's, less the latency
-  int64_t least_us;    // the smallest of the last second: the first one
   int32_t ndifference;
   sv_difference differences[SV_WINDOW_MAX];  // oldest first, rising
 } sv_channel;
@@ -54,7 +51,6 @@ typedef struct {
   sv_channel channels[SV_MESSAGE_MAX];
   uint8_t channel_of[SV_SENSOR_MAX];
   int32_t raw[SV_SENSOR_MAX];
-  int32_t lost;  // lines, by their counters
   uint8_t emergency_stop;
 } sv_lines;
 
