@@ -6,10 +6,10 @@
 //
 // A line arrives some time after its sample, and is read some time after that. The smallest difference of the last
 // second between our time and the node's, less the latency that the rig states, dates every sample, so reading late
-// does not make a sample look young. That second's differences are kept as at most SV_WINDOW_MAX, each the
-// smallest since, and those of one eighth of a second count as one: memory is fixed, and a difference may date samples
-// for up to an eighth of a second longer than a second. That makes a sample look older, never younger, by no more than
-// what the clocks drift apart in the eighth: 1.25 ms at 1 %.
+// does not make a sample look young. Of that second's differences at most SV_WINDOW_MAX are kept, each the smallest
+// since, and those of one eighth of a second count as one: memory is fixed, and a difference may date samples for up to
+// an eighth of a second longer than a second. That makes a sample look older, never younger, by no more than what the
+// clocks drift apart in the eighth: 1.25 ms at 1 %.
 
 #ifndef SV_LINES_H_
 #define SV_LINES_H_
