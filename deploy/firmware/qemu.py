@@ -181,8 +181,9 @@ class Qemu:
     def _come_to_wait(self) -> int:
         """Let the machine run until it calls `sv_hal_wait`: => until when it waits [us]."""
         received = self._symbols["board_received"]
+        deadline = time.monotonic() + NOTHING_S
         while True:
-            self._run_to_stop()
+            self._run_to_stop(deadline)
             answers = self.stub.ask(["g", memory_read(received.address, _RING.size * len(_LINES))])
             registers = parse_registers(answers[0])
             if registers[PC] == self._symbols["sv_hal_wait"].address:
@@ -194,20 +195,21 @@ class Qemu:
             if registers[PC] == self._symbols["board_send_bus"].address:
                 self._sizes.append(registers[1])
             elif registers[PC] == self._symbols["sv_hal_init"].address:
+                self._forget_unsent()
                 self._replace()
             else:
                 raise RunError(f"the image stopped at 0x{registers[PC]:08x}, where nothing should; see what it wrote")
             self.stub.step()
             self.stub.run()
 
-    def _run_to_stop(self) -> None:
+    def _run_to_stop(self, deadline: float) -> None:
         """Wait until the machine stands still, taking what its UARTs send so that none of them stands in its way."""
-        deadline = time.monotonic() + NOTHING_S
         sources: list[_Readable] = [self.stub, *(self._sockets[line] for line in _LINES)]
         while not self.stub.stopped():
-            ready = select(sources, [], [], max(deadline - time.monotonic(), 0.0))[0]
+            left = deadline - time.monotonic()
+            ready = select(sources, [], [], left)[0] if left > 0 else ()
             if not ready:
-                raise RunError(f"the image has computed for {NOTHING_S:g} s without coming to wait; look for a loop")
+                raise RunError(f"the image has computed for {NOTHING_S:g} s without coming to wait; look for a loop, or for resets")
             self._take_sent()
             if self.stub in ready:
                 self._listen()
@@ -241,6 +243,11 @@ class Qemu:
         if begin != len(data):
             raise RunError(f"{begin} bytes were handed to the bus and {len(data)} left it; the board's HAL is wrong")
         return tuple(packet for packet in packets if packet)
+
+    def _forget_unsent(self) -> None:
+        """Drop packets of a program that died before its lines were up."""
+        while sum(self._sizes) > len(self._sent["bus"]):
+            self._sizes.pop()
 
     def _replace(self) -> None:
         """Make clock and inputs read what the debugger writes; after a reset the memory may be as it was built."""

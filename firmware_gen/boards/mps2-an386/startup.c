@@ -35,6 +35,7 @@ void sv_robot_panic(const sv_rig* rig);  // of sv_robot.h
 void board_reset(void);
 void board_begin(void);
 void board_fault(void);
+void board_bitten(void);
 void board_last_words(int32_t cause);
 void board_external(void);
 void board_systick(void);
@@ -58,7 +59,7 @@ __attribute__((section(".vectors"), used)) static const struct {
   vector core[15];
   vector external[EXTERNAL];
 } vectors = {board_stack_top,
-             {board_reset, board_fault, board_fault, board_fault, board_fault, board_fault, board_fault, board_fault,
+             {board_reset, board_bitten, board_fault, board_fault, board_fault, board_fault, board_fault, board_fault,
               board_fault, board_fault, board_fault, board_fault, board_fault, board_fault, board_systick},
              {[0 ... EXTERNAL - 1] = board_external}};
 
@@ -102,6 +103,12 @@ __attribute__((naked, noreturn)) void board_die(__attribute__((unused)) int32_t 
 __attribute__((naked, noreturn)) void board_fault(void) {
   __asm volatile(
       "movs r0, #2\n"  // SV_RESET_FAULT
+      "b board_die\n");
+}
+
+__attribute__((naked, noreturn)) void board_bitten(void) {
+  __asm volatile(
+      "movs r0, #1\n"  // SV_RESET_WATCHDOG
       "b board_die\n");
 }
 
