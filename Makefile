@@ -46,7 +46,7 @@ accept: $(VENV)/ready ## what needs a quiet machine or much time: rates, ratios,
 	$(BIN)/servolve bench evolve --quick
 	$(BIN)/servolve bench bus
 
-fuzz: $(VENV)/ready ## feed the firmware any bytes, FUZZ_SECONDS for each of five targets; leaves build/fuzz
+fuzz: $(VENV)/ready ## feed the firmware any bytes, FUZZ_SECONDS for each of six targets; leaves build/fuzz
 	$(BIN)/python tests/fuzz_firmware.py --seconds $(FUZZ_SECONDS) --out build/fuzz
 
 bench: $(VENV)/ready ## measure speed, as ratios

@@ -1,4 +1,4 @@
-"""Fuzz the firmware: its packets, its sensor lines, its bus, and all of it with two rigs, under libFuzzer.
+"""Fuzz the firmware: its packets, its sensor lines, its bus, and all of it with three rigs, under libFuzzer.
 
 Run as a program for as long as you like: ``python tests/fuzz_firmware.py --seconds 300 --out build/fuzz``. What is
 found stays in the folder: the corpus, and each input that breaks something, as fuzz-TARGET-crash-….
@@ -26,8 +26,13 @@ PARSERS = {
 }
 """Target => the runtime's sources that it is made of."""
 
-IMAGES = {"lamp-xc330": "lamp-robust", "lamp-sts3215": "lamp-sts"}
-"""Rig => the golden controller that is put on it."""
+GOLDEN = Path(__file__).with_name("golden")
+IMAGES = {
+    "lamp-xc330": GOLDEN / "lamp-robust.controller.toml",
+    "lamp-sts3215": GOLDEN / "lamp-sts.controller.toml",
+    "jumper-xc330": FUZZ / "turn.controller.toml",
+}
+"""Rig => the controller that is put on it: of positions, or of speeds."""
 
 # the manuals' frames: what parsers see on a good day
 FRAMES = (
@@ -62,9 +67,8 @@ def build_parser(name, folder):
 def build_image(rig, folder):
     """Return the fuzzer of a whole firmware: of the very project that servolve writes for a rig."""
     project = folder / f"project-{rig}"
-    controller = ROOT / "tests" / "golden" / f"{IMAGES[rig]}.controller.toml"
     servolve = Path(sys.executable).with_name("servolve")
-    command = [servolve, "firmware", controller, "--rig", rig, "--board", "host", "--out", project, "--force"]
+    command = [servolve, "firmware", IMAGES[rig], "--rig", rig, "--board", "host", "--out", project, "--force"]
     subprocess.run([str(part) for part in command], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     sources = [*project.glob("runtime/*.c"), *(path for path in project.glob("src/*.c") if path.name != "main.c")]
     return _compile(rig, folder, [FUZZ / "fuzz_firmware.c", *sources], [project / "runtime", project / "src"])
