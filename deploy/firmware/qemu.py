@@ -209,7 +209,9 @@ class Qemu:
             left = deadline - time.monotonic()
             ready = select(sources, [], [], left)[0] if left > 0 else ()
             if not ready:
-                raise RunError(f"the image has computed for {NOTHING_S:g} s without coming to wait; look for a loop, or for resets")
+                raise RunError(
+                    f"the image has computed for {NOTHING_S:g} s without coming to wait; look for a loop, or for resets"
+                )
             self._take_sent()
             if self.stub in ready:
                 self._listen()
