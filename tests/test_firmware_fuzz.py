@@ -3,7 +3,7 @@
 import pytest
 from fuzz_firmware import IMAGES, PARSERS, build_image, build_parser, fuzz, write_corpus
 
-RUNS = {"packets": 30_000, "lines": 20_000, "bus": 5_000, "lamp-xc330": 150, "lamp-sts3215": 150, "jumper-xc330": 100}
+RUNS = {"packets": 20_000, "lines": 10_000, "bus": 5_000, "lamp-xc330": 100, "lamp-sts3215": 100, "jumper-xc330": 60}
 
 
 @pytest.mark.parametrize("name", PARSERS)
