@@ -228,6 +228,8 @@ class Periods:
     def _tracking(self) -> str | None:
         """Return the sentence of a fault if a joint does not do what it is told, or None."""
         rig, io, now = self.rig, self.io, self.clock.now()
+        if math.inf in io.ages_s()[: len(rig.joints)]:
+            return None  # nobody knows where a joint is that has never answered
         if rig.joints[0].mode == "velocity":
             return judge_speeds(rig, self.watch, now, self.goals, io.velocity_counts(), io.angles_rad())
         goals = [joint_angle(joint, goal) for joint, goal in zip(rig.joints, self.goals, strict=True)]

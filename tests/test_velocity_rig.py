@@ -106,3 +106,13 @@ def test_the_host_loop_drives_it_and_leaves_it_off(tmp_path):
     turned = bench.virtual.truth().joint_rad[0] - JUMPER.joints[0].neutral_rad
     assert 0.3 < abs(turned) < 1.05
     assert math.copysign(1, turned) == 1
+
+
+def test_a_joint_whose_first_reply_is_lost_is_not_taken_to_stand_at_count_zero(tmp_path):
+    first = Bench(tmp_path, rig=JUMPER)
+    first.run(seconds=0.1, controller=parse_controller(TURN, "turn"))
+    read = JUMPER.period_s + next(event["t"] for event in first.log.events if event.get("entered") == "homing")
+    bench = Bench(tmp_path, f"drop=1@{read - 0.001:.4f}-{read + 0.004:.4f}", rig=JUMPER)
+    outcome = bench.run(seconds=0.1, controller=parse_controller(TURN, "turn"))
+    assert outcome.done, outcome.reason
+    assert outcome.missed_replies == 0, "only homing has lost some"

@@ -32,9 +32,14 @@ static int32_t sv_alerts(sv_robot* robot) {
   return 0;
 }
 
-// Judge whether joints do what they are told.
+// Judge whether joints do what they are told; nobody knows where one is that has never answered.
 static int32_t sv_tracking(sv_robot* robot) {
   const sv_rig* rig = robot->rig;
+  for (int32_t i = 0; i < rig->njoint; i++) {
+    if (robot->answered_us[i] < 0) {
+      return 0;
+    }
+  }
   const int64_t now_us = sv_hal_now_us();
   return SV_VELOCITY_MODE(rig)
              ? sv_judge_speeds(rig, &robot->watch, now_us, robot->goals, robot->raw + rig->njoint, robot->raw)
