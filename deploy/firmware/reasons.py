@@ -15,7 +15,7 @@ from typing import Final, Literal
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from deploy.dynamixel_bus import ERROR_NUMBERS
-from deploy.joint_counts import joint_angle, joint_count, speed_count
+from deploy.joint_counts import speed_count
 from deploy.safety import (
     Watch,
     judge_encoders,
@@ -217,7 +217,7 @@ def _off_track(why: Why, rig: Rig, _: str) -> str | None:
 
 
 def _speeds(why: Why, rig: Rig, _: str) -> str | None:
-    angles = [joint_angle(joint, joint_count(joint, joint.neutral_rad)) for joint in rig.joints]
+    angles = [joint.neutral_rad for joint in rig.joints]
     speeds, goals = [0] * len(rig.joints), [0] * len(rig.joints)
     joint = rig.joints[why.joint]
     since_s = rig.safety.tracking_s_max + rig.period_s  # it is told as soon as it has lasted for too long

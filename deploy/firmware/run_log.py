@@ -174,7 +174,8 @@ class RecordLog:
     def _end(self, record: End) -> None:
         outcome = self.outcome
         why = Why(record.reason, record.joint, record.a, record.b)
-        self._tell(why, record.t_us)
+        if self.state is State.OFF:
+            self._tell(why, record.t_us)  # no change of state has told of it
         outcome.state = _STATES[record.state] if record.state < len(_STATES) else State.FAULT
         outcome.reason = self._sentence(why)
         outcome.faulty = why.faulty
