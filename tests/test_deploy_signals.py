@@ -110,14 +110,22 @@ def test_a_server_that_dies_is_one_sentence(tmp_path, server):
     assert log.complete and log.events[-1]["kind"] == "torque"
 
 
-def test_a_run_in_real_time_ends_well_and_the_port_was_locked(tmp_path, server):
-    run = deploy(tmp_path, f"{tmp_path}/bus", "--arm", "--json", seconds="1")
+def test_a_port_is_locked_while_a_run_uses_it(tmp_path, server):
+    run = deploy(tmp_path, f"{tmp_path}/bus", "--arm")
     try:
         run.wait_for("lamp-xc330: homing")
-        second = deploy(tmp_path, f"{tmp_path}/bus", log="second.mcap")
-        status, told = second.end()
+        status, told = deploy(tmp_path, f"{tmp_path}/bus", log="second.mcap").end()
         assert status == 2
         assert sentences(told) == [f"servolve: {tmp_path}/bus: is in use by another program; end that one first"]
+        run.process.send_signal(signal.SIGINT)
+        assert run.end()[0] == 1
+    finally:
+        run.kill()
+
+
+def test_a_run_in_real_time_ends_well(tmp_path, server):
+    run = deploy(tmp_path, f"{tmp_path}/bus", "--arm", "--json", seconds="1")
+    try:
         status, told = run.end()
     finally:
         run.kill()
