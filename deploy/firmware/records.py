@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
-_VARINT_BYTES_MAX: Final = 10
+_VARINT_BYTES_MAX: Final = 5
 
 
 @dataclass(frozen=True)
@@ -264,7 +264,7 @@ class _Reader:
         for place in range(_VARINT_BYTES_MAX):
             byte = self.take(1)[0]
             value |= (byte & 0x7F) << 7 * place
-            if byte < 0x80:
+            if byte < 0x80 and value < 1 << 32:
                 return value >> 1 ^ -(value & 1)
         raise _ShortError
 
