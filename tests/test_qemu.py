@@ -193,17 +193,43 @@ def test_the_lamp_says_hello_and_computes_the_reference_bits(lamp):
     assert hello.reset == 0
 
 
+def torque_off():
+    """Return the packet that takes every servo's torque, built without the firmware.
+
+    Source: Robotis e-Manual, protocol 2.0: sync write; X series: register 64, one byte.
+    """
+    ids = [joint.id for joint in XC330.rig.joints]
+    return dxl.encode(0xFE, 0x83, bytes([64, 0, 1, 0]) + b"".join(bytes([servo, 0]) for servo in ids))
+
+
+def resets_told(machine):
+    told = ConsoleDecoder(shape_of(XC330.rig, XC330.controller)).feed(heard(machine, "console"))
+    return [record.reset for record in told if isinstance(record, Hello)]
+
+
 def test_a_jump_into_nothing_takes_the_torque_of_the_lamp(lamp):
     """The debugger sends the program where no code is: torque off goes out for every servo, thrice, then all anew."""
-    lamp.resume(Given(0))
+    run_to(lamp, "sv_hal_wait")
     lamp.stub.write_register(PC, 0x30000000)
     run_to(lamp, "sv_hal_init")
-    ids = [joint.id for joint in XC330.rig.joints]
-    # Dynamixel 2.0 sync write, X series register 64, one byte each: Robotis e-Manual
-    off = dxl.encode(0xFE, 0x83, bytes([64, 0, 1, 0]) + b"".join(bytes([servo, 0]) for servo in ids))
-    assert heard(lamp) == off * 3
+    assert heard(lamp) == torque_off() * 3
     run_to(lamp, "sv_hal_wait")
-    assert heard(lamp).startswith(off)
+    assert heard(lamp).startswith(torque_off())
+    assert resets_told(lamp) == [0, 2]
+
+
+def test_a_hung_main_loop_takes_the_torque_of_the_lamp(lamp):
+    """The debugger turns a function into an endless loop: the tick notices, and the same packets go out."""
+    run_to(lamp, "sv_hal_wait")
+    address = lamp.symbol("sv_hal_read").address
+    was = lamp.stub.read_memory(address, 2)
+    lamp.stub.write_memory(address, b"\xfe\xe7")  # b .
+    run_to(lamp, "sv_hal_init")
+    assert heard(lamp) == torque_off() * 3
+    lamp.stub.write_memory(address, was)
+    run_to(lamp, "sv_hal_wait")
+    assert heard(lamp).startswith(torque_off())
+    assert resets_told(lamp) == [0, 1]
 
 
 def lamp_bytes(fill=None):
