@@ -118,6 +118,20 @@ def test_silence(pair, data):
             return
 
 
+@pytest.mark.parametrize("silent", [1, 2, 3])
+def test_a_servo_that_answers_now_and_then(pair, silent):
+    pair.start()
+    said = None
+    for period in range(60):
+        seen = [Reply(joint.id, "data", b"1", 0, 0.0) for joint in pair.rig.joints]
+        if period % (silent + 1):
+            seen[1] = replace(seen[1], status="missing", data=b"")
+        said = safety.judge_replies(pair.rig, pair.watch, {reply.id: reply for reply in seen})
+        if agree(pair, said, pair.judges.judge("replies", replies(seen)), {"no reply in most": 33}):
+            break
+    assert (said is None) == (silent == 1)
+
+
 @settings(max_examples=60, deadline=None)
 @given(pattern=st.lists(st.sampled_from((None, (0, 0), (1, 1), (1, 32), (1, 33))), min_size=1, max_size=12))
 def test_alerts(pair, pattern):
