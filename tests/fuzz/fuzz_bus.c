@@ -5,6 +5,8 @@
 #include "fuzz_input.h"
 #include "sv_bus.h"
 #include "sv_hal.h"
+#include "sv_packets1.h"
+#include "sv_packets2.h"
 
 #define DATA_MAX (SV_JOINT_MAX * SV_BLOCK_MAX)
 #define CANARY 0xA5
@@ -17,6 +19,7 @@ static int64_t now_us;
 static uint8_t sent[SV_FRAME_MAX];
 static int32_t nsent;
 static int32_t baud;
+static int32_t dynamixel;
 
 void sv_hal_init(void) {}
 uint32_t sv_hal_inputs(void) { return 0; }
@@ -31,19 +34,29 @@ void sv_hal_wait(int64_t until_us) {
   now_us = (fuzz_byte(&input) & 3) != 0 && early_us < until_us ? early_us : until_us;
 }
 
-// what the fuzzer says, or what was asked with a few bytes of it changed
+// a sound status packet of the fuzzer's bytes
+static int32_t seal(uint8_t* frame, int32_t n) {
+  const int32_t first = dynamixel ? SV_PACKET2_PARAMETERS : SV_PACKET1_PARAMETERS;
+  const uint8_t id = (uint8_t)(1 + (fuzz_byte(&input) & 15));
+  const int32_t taken = fuzz_take(&input, frame + first, n);
+  return dynamixel ? sv_packet2_seal(frame, SV_FRAME_MAX, id, SV_STATUS2, taken)
+                   : sv_packet1_seal(frame, SV_FRAME_MAX, id, 0, taken);
+}
+
+// what the fuzzer says, a sound packet of it, or what was asked
 int32_t sv_hal_read(int32_t line, uint8_t* data, int32_t size) {
   REQUIRE(line == SV_LINE_BUS && size > 0);
   const uint8_t how = fuzz_byte(&input);
   if ((how & 3) == 0) {
     return 0;
   }
-  const int32_t wanted = (how >> 2) < size ? how >> 2 : size;
-  if ((how & 3) != 3) {
-    return fuzz_take(&input, data, wanted);
+  if ((how & 3) == 1) {
+    return fuzz_take(&input, data, (how >> 2) < size ? how >> 2 : size);
   }
-  const int32_t n = nsent < size ? nsent : size;
-  memcpy(data, sent, (size_t)n);
+  uint8_t frame[SV_FRAME_MAX];
+  const int32_t nframe = (how & 3) == 2 ? seal(frame, how >> 2) : nsent;
+  const int32_t n = nframe < size ? nframe : size;
+  memcpy(data, (how & 3) == 2 ? frame : sent, (size_t)n);
   return n;
 }
 
@@ -116,6 +129,7 @@ int LLVMFuzzerTestOneInput(const uint8_t* bytes, size_t size) {
                       .njoint = 1 + fuzz_byte(&input) % SV_JOINT_MAX,
                       .joints = joints};
   baud = rig.baud;
+  dynamixel = rig.protocol == SV_DYNAMIXEL2;
   sv_bus_init(&bus, &rig);
   for (int32_t i = 0; i < QUESTIONS_MAX && input.n > 0; i++) {
     const int64_t begin_us = now_us;
