@@ -1,8 +1,8 @@
 // A main program that tries a board: a line in from the bus is a command, or is sent back.
 //
 //   H  hang, heard by interrupts        I  hang, interrupts off
-//   J  jump to where no code is         R  use up the stack
-//   Z  be busy for 300 ms, fed, but deaf
+//   J  jump to where no code may be     R  use up the stack
+//   Z  be busy for 100 ms, fed, but deaf
 
 #include <stdint.h>
 
@@ -41,11 +41,11 @@ static void obey(uint8_t command) {
     __asm volatile("cpsid i");
     hang();
   } else if (command == 'J') {
-    ((void (*)(void))0x30000001U)();
+    ((void (*)(void))0xA0000001U)();
   } else if (command == 'R') {
     (void)deeper(0);
   } else if (command == 'Z') {
-    const int64_t until_us = sv_hal_now_us() + 300000;
+    const int64_t until_us = sv_hal_now_us() + 100000;
     while (sv_hal_now_us() < until_us) {
       sv_hal_feed_watchdog();
     }
