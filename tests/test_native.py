@@ -63,7 +63,9 @@ def test_structures_are_laid_out_as_in_c(tmp_path):
 
 
 def test_bounds_and_kinds_are_those_of_the_headers():
-    text = "".join((RUNTIME / name).read_text() for name in ("sv_program.h", "sv_cycle.h", "sv_schedule.h"))
+    text = "".join(
+        (RUNTIME / name).read_text() for name in ("sv_sizes.h", "sv_program.h", "sv_cycle.h", "sv_schedule.h")
+    )
     defined = {name: int(value) for name, value in re.findall(r"#define SV_(\w+) (\d+)", text)}
     assert defined == {
         "INPUT_MAX": verifier.INPUT_MAX,

@@ -62,7 +62,7 @@ def test_it_is_shown_and_transpiled_without_asking(run, tmp_path, capsys):
     assert main(["show", str(run)]) == 0
     assert "lamp on mine" in capsys.readouterr().out
     assert main(["show", str(run), "--report", str(tmp_path / "report.html")]) == 0
-    assert main(["transpile", str(run), "--out", str(tmp_path)]) == 0
+    assert main(["transpile", str(run), "--out", str(tmp_path / "c")]) == 0
 
 
 def test_a_controller_alone_says_what_is_missing(run, request, capsys):
