@@ -1,8 +1,8 @@
 """Controllers as C for any machine: the transpiler, its selftest and report, and compiled controllers for tests."""
 
-from firmware_gen.compiled import CompiledController, compile_controller, compile_controllers
-from firmware_gen.generate import Generated, Transpiled, generate, transpile
 from firmware_gen.report import report_text, write_report
+from firmware_gen.transpiler.compiled import CompiledController, compile_controller, compile_controllers
+from firmware_gen.transpiler.generate import Generated, Transpiled, generate, transpile
 
 __all__ = [
     "CompiledController",

@@ -14,8 +14,8 @@ from controller import Controller
 from controller.errors import InputError
 from controller.native import NativeProgram
 from controller.reference import run_program
-from firmware_gen.compiled import compile_controller
-from firmware_gen.vectors import bits_of, draw_inputs
+from firmware_gen.transpiler.compiled import compile_controller
+from firmware_gen.transpiler.vectors import bits_of, draw_inputs
 
 COMPILERS: Final = ("gcc", "clang")
 LEVELS: Final = ("-O0", "-O3")

@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import Final
 
 from controller.errors import InputError
-from firmware_gen.compiled import run_compiler
-from firmware_gen.footprint import Footprint, has_tools, measure_footprint
-from firmware_gen.generate import Transpiled
-from firmware_gen.intervals import Interval
-from firmware_gen.machine_code import run_tool
-from firmware_gen.ranges import program_ranges
-from firmware_gen.source import source_expressions
-from firmware_gen.targets import FUNCTIONS, LEVELS, TARGETS, Target, Timing
-from firmware_gen.unit import Unit
-from firmware_gen.worst_case import WorstCase
+from firmware_gen.bounds.footprint import Footprint, has_tools, measure_footprint
+from firmware_gen.bounds.intervals import Interval
+from firmware_gen.bounds.machine_code import run_tool
+from firmware_gen.bounds.ranges import program_ranges
+from firmware_gen.bounds.targets import FUNCTIONS, LEVELS, TARGETS, Target, Timing
+from firmware_gen.bounds.worst_case import WorstCase
+from firmware_gen.transpiler.compiled import run_compiler
+from firmware_gen.transpiler.generate import Transpiled
+from firmware_gen.transpiler.source import source_expressions
+from firmware_gen.transpiler.unit import Unit
 
 REPORT_MARK: Final = "Written by servolve transpile beside the C; do not edit."
 

@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from firmware_gen.generate import Transpiled
-from firmware_gen.literals import literal
-from firmware_gen.unit import Unit
+from firmware_gen.transpiler.generate import Transpiled
+from firmware_gen.transpiler.literals import literal
+from firmware_gen.transpiler.unit import Unit
 
 SECONDS_MAX: Final = 300.0
 

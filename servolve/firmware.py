@@ -10,10 +10,10 @@ from cyclopts import Parameter
 
 from controller import load_controller
 from controller.errors import InputError
-from firmware_gen.board import board_names, load_board
-from firmware_gen.build import build_project, require_tools
-from firmware_gen.image_size import image_size
-from firmware_gen.project import make_project, write_project
+from firmware_gen.projects.board import board_names, load_board
+from firmware_gen.projects.build import build_project, require_tools
+from firmware_gen.projects.image_size import image_size
+from firmware_gen.projects.project import make_project, write_project
 from servolve.firmware_run import AskedRun, plan_run, run_image
 from servolve.run_meta import GOAL_M
 from servolve.run_rig import rig_of

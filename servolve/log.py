@@ -16,7 +16,7 @@ from deploy.firmware.dump import DumpedRun, dumped_runs, lost_cycles, write_run
 from deploy.host_loop import Outcome, RunOptions
 from deploy.log import RunLog
 from deploy.summary import summary
-from firmware_gen.fingerprints import rig_fingerprint
+from firmware_gen.projects.fingerprints import rig_fingerprint
 from servolve.run_meta import run_meta
 from servolve.run_rig import rig_of
 from servolve.run_table import tell

@@ -13,7 +13,7 @@ from deploy.host_loop import Outcome, RunOptions, run_controller
 from deploy.log import Log, RunLog, read_log
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.rig import VirtualRig
-from firmware_gen.build import build_firmware
+from firmware_gen.projects.build import build_firmware
 
 GOLDEN = Path(__file__).parent / "golden"
 

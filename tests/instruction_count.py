@@ -8,8 +8,8 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware_gen.targets import CORTEX_M4F_TARGET, FUNCTIONS
-from firmware_gen.vectors import SPECIAL_BITS
+from firmware_gen.bounds.targets import CORTEX_M4F_TARGET, FUNCTIONS
+from firmware_gen.transpiler.vectors import SPECIAL_BITS
 
 FOLDER = Path(__file__).parent / "counting"
 SHIFT = 10  # an instruction takes 2^10 ns

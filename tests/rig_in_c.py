@@ -6,10 +6,10 @@ from ctypes import POINTER, c_char, c_float, c_int32, c_uint8, c_uint16, c_uint3
 
 from controller.generate_runtime import PATH as RUNTIME_TABLE
 from controller.library import SvBlock, SvCycle, SvSchedule
-from firmware_gen.project import RUNTIME
-from firmware_gen.rig_config import rig_header, rig_source
-from firmware_gen.rig_sizes import sizes_files, sizes_of
-from firmware_gen.unit import make_unit
+from firmware_gen.projects.project import RUNTIME
+from firmware_gen.projects.rig_config import rig_header, rig_source
+from firmware_gen.projects.rig_sizes import sizes_files, sizes_of
+from firmware_gen.transpiler.unit import make_unit
 
 FLAGS = (
     *("-std=c99", "-ffp-contract=off", "-Wall", "-Wextra", "-Wconversion"),

@@ -4,8 +4,8 @@ import ctypes
 import subprocess
 from pathlib import Path
 
-from firmware_gen.rig_config import rig_header, rig_source
-from firmware_gen.unit import make_unit
+from firmware_gen.projects.rig_config import rig_header, rig_source
+from firmware_gen.transpiler.unit import make_unit
 
 ROOT = Path(__file__).parents[1]
 RUNTIME, SHARED = ROOT / "firmware_gen" / "runtime", ROOT / "controller" / "runtime"

@@ -5,8 +5,8 @@ import subprocess
 from ctypes import byref, c_float, c_int32, c_int64, c_uint8, c_void_p
 from pathlib import Path
 
-from firmware_gen.rig_config import rig_header, rig_source
-from firmware_gen.unit import make_unit
+from firmware_gen.projects.rig_config import rig_header, rig_source
+from firmware_gen.transpiler.unit import make_unit
 
 ROOT = Path(__file__).parents[1]
 FLAGS = "-std=c99 -O1 -g -ffp-contract=off -Wall -Wextra -Wconversion -Wdouble-promotion -Wmissing-prototypes -Werror"

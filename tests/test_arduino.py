@@ -15,9 +15,9 @@ import pytest
 from controller import load_controller
 from controller.errors import InputError
 from controller.rig_file import load_rig
-from firmware_gen.board import load_board
-from firmware_gen.build import build_project
-from firmware_gen.project import make_project, write_project
+from firmware_gen.projects.board import load_board
+from firmware_gen.projects.build import build_project
+from firmware_gen.projects.project import make_project, write_project
 
 LAMP = Path(__file__).parent / "golden" / "lamp-robust.controller.toml"
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")

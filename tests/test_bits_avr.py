@@ -13,7 +13,7 @@ import pytest
 from controller import Controller, Input, Output, load_controller, lower
 from controller.reference import run_program
 from firmware_gen import transpile
-from firmware_gen.vectors import bits_of, draw_inputs
+from firmware_gen.transpiler.vectors import bits_of, draw_inputs
 
 BITS = Path(__file__).parent / "bits"
 LAMPS = sorted((Path(__file__).parent / "golden").glob("*.controller.toml"))

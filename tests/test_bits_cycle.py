@@ -17,7 +17,7 @@ from controller.rig import Rig
 from controller.rig_file import load_rig
 from controller.source import Apply, Constant
 from controller.terminals import terminals_of
-from firmware_gen.vectors import bits_of
+from firmware_gen.transpiler.vectors import bits_of
 
 GOAL = (np.float32(0.31), np.float32(-0.4))
 

@@ -24,9 +24,9 @@ from deploy.firmware.twin import TwinProcess
 from deploy.host_loop import RunOptions
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.rig import VirtualRig
-from firmware_gen.board import load_board
-from firmware_gen.build import build_firmware
-from firmware_gen.project import RUNTIME, make_project, write_project
+from firmware_gen.projects.board import load_board
+from firmware_gen.projects.build import build_firmware
+from firmware_gen.projects.project import RUNTIME, make_project, write_project
 
 LAMP = load_controller(Path(__file__).parent / "golden" / "lamp-robust.controller.toml")
 RUN_S, END_S = 0.6, 3.0

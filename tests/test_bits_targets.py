@@ -30,7 +30,7 @@ from controller.native import NativeProgram
 from controller.operations import BY_OPCODE, OPERATIONS
 from controller.reference import run_program
 from firmware_gen import compile_controllers, transpile
-from firmware_gen.vectors import bits_of, draw_inputs
+from firmware_gen.transpiler.vectors import bits_of, draw_inputs
 
 GOLDEN = Path(__file__).parent / "golden"
 LAMPS = sorted(GOLDEN.glob("*.controller.toml"))

@@ -15,11 +15,11 @@ from rig_in_c import FLAGS
 
 from controller import load_rig, parse_controller
 from controller.errors import InputError
-from firmware_gen.board import BOARDS, board_names, load_board
-from firmware_gen.build import build_firmware, build_project, require_tools
-from firmware_gen.image_size import image_size
-from firmware_gen.project import CONTROLLER_RUNTIME, RUNTIME, SHARED, make_project, write_project
-from firmware_gen.project_readme import CONSOLE
+from firmware_gen.projects.board import BOARDS, board_names, load_board
+from firmware_gen.projects.build import build_firmware, build_project, require_tools
+from firmware_gen.projects.image_size import image_size
+from firmware_gen.projects.project import CONTROLLER_RUNTIME, RUNTIME, SHARED, make_project, write_project
+from firmware_gen.projects.project_readme import CONSOLE
 from servolve.cli import main
 
 LAMP = Path(__file__).parent / "golden" / "lamp-hop.controller.toml"

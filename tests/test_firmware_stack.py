@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from controller import load_controller, load_rig
-from firmware_gen.board import load_board
-from firmware_gen.project import make_project, write_project
-from firmware_gen.project_cmake import ARITHMETIC
+from firmware_gen.projects.board import load_board
+from firmware_gen.projects.project import make_project, write_project
+from firmware_gen.projects.project_cmake import ARITHMETIC
 
 LAMP = Path(__file__).parent / "golden" / "lamp-robust.controller.toml"
 FRAME = 104 + 4  # what a Cortex-M4F with an FPU stacks for an interrupt, and to align it

@@ -6,8 +6,8 @@ import subprocess
 import pytest
 from rig_in_c import FLAGS
 
-from firmware_gen.board import load_board
-from firmware_gen.project import RUNTIME
+from firmware_gen.projects.board import load_board
+from firmware_gen.projects.project import RUNTIME
 
 # answers what it is told: says its cause and time, then repeats each line's bytes on bus and console
 PROGRAM = """

@@ -10,9 +10,9 @@ from controller import Controller, Input, Output, load_controller, lower, parse
 from controller.errors import InputError
 from controller.reference import run_program
 from firmware_gen import compile_controller, generate, transpile
-from firmware_gen.names import comment_text
 from firmware_gen.static_checks import WARNINGS, check_statically
-from firmware_gen.vectors import bits_of
+from firmware_gen.transpiler.names import comment_text
+from firmware_gen.transpiler.vectors import bits_of
 from servolve.cli import main
 
 FILE = """format = 1

@@ -18,7 +18,7 @@ from evolve.objectives import crowding, fronts, pareto_ranks, points, worst_case
 from evolve.search import controller_of
 from evolve.settings import OBJECTIVES, Settings
 from evolve.template import controller_template
-from firmware_gen.unit import make_unit
+from firmware_gen.transpiler.unit import make_unit
 
 LATTICE = st.lists(st.tuples(*[st.integers(0, 4)] * 3), min_size=1, max_size=40).map(lambda rows: np.array(rows, float))
 

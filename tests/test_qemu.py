@@ -26,7 +26,7 @@ from deploy.firmware.records import Hello
 from deploy.firmware.run_log import shape_of
 from deploy.virtual import dynamixel2 as dxl
 from deploy.virtual.rig import VirtualRig
-from firmware_gen.board import load_board
+from firmware_gen.projects.board import load_board
 
 RUNTIME = Path(__file__).parents[1] / "firmware_gen" / "runtime"
 FLAGS = (

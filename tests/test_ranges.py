@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from controller import Controller, Input, Output, load_controller, lower, parse
 from controller.operations import BY_NAME, BY_OPCODE, OPERATIONS
 from controller.reference import run_program
-from firmware_gen.intervals import STATELESS, Interval
-from firmware_gen.ranges import program_ranges
+from firmware_gen.bounds.intervals import STATELESS, Interval
+from firmware_gen.bounds.ranges import program_ranges
 
 F = np.float32
 STATELESS_NAMES = [operation.name for operation in OPERATIONS if operation.nstate == 0]

@@ -23,9 +23,9 @@ from deploy.joint_counts import goal_limits, joint_angle, joint_count, joint_spe
 from deploy.safety import judge_hardware_error, needed_sensors
 from deploy.servo_findings import setting_findings, state_findings
 from deploy.torque import settings_in_ram
-from firmware_gen.literals import literal
-from firmware_gen.plain import plain
-from firmware_gen.rig_config import require_speakable, rig_source
+from firmware_gen.projects.plain import plain
+from firmware_gen.projects.rig_config import require_speakable, rig_source
+from firmware_gen.transpiler.literals import literal
 
 RIGS = [name for name in rig_names() if load_rig(name).bus.protocol in ("dynamixel-2.0", "feetech-sts")]
 KINDS = (*("", "absent", "corrupt", "model", "unreadable"), *("setting", "voltage", "temperature", "position"))

@@ -7,8 +7,8 @@ import pytest
 
 from controller import load_controller
 from firmware_gen import transpile
-from firmware_gen.footprint import measure_footprint
-from firmware_gen.targets import CORTEX_M4F_TARGET
+from firmware_gen.bounds.footprint import measure_footprint
+from firmware_gen.bounds.targets import CORTEX_M4F_TARGET
 
 GOLDEN = Path(__file__).parent / "golden"
 RECORDED = tomllib.loads((GOLDEN / "firmware_sizes.toml").read_text(encoding="utf-8"))["controller"]

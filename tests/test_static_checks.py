@@ -8,9 +8,9 @@ from test_transpile import SHAPES, make_controller
 
 from controller import load_controller
 from firmware_gen import transpile
-from firmware_gen.footprint import measure_footprint
+from firmware_gen.bounds.footprint import measure_footprint
+from firmware_gen.bounds.targets import CORTEX_M0_TARGET
 from firmware_gen.static_checks import DEVIATIONS, TOOLS, ToolRow, check_statically
-from firmware_gen.targets import CORTEX_M0_TARGET
 
 CLEAN = ("gcc -fanalyzer and warnings", "clang-tidy", "cppcheck, MISRA C:2012")
 UNDEFINED = "Frama-C EVA, undefined behaviour"

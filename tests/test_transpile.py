@@ -19,10 +19,10 @@ from controller.operations import BY_OPCODE, OPERATIONS
 from controller.reference import run_program
 from controller.source import Apply, Constant, Last, Name, Source
 from firmware_gen import compile_controller, compile_controllers, generate, transpile, write_report
-from firmware_gen.literals import literal
-from firmware_gen.names import mangle
-from firmware_gen.runtime_functions import operations_of, read_runtime_functions
-from firmware_gen.vectors import SPECIAL_BITS, bits_of, draw_inputs
+from firmware_gen.transpiler.literals import literal
+from firmware_gen.transpiler.names import mangle
+from firmware_gen.transpiler.runtime_functions import operations_of, read_runtime_functions
+from firmware_gen.transpiler.vectors import SPECIAL_BITS, bits_of, draw_inputs
 
 ROOT = Path(__file__).parents[1]
 GOLDEN = ROOT / "tests" / "golden"

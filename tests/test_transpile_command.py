@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from controller.errors import RunError
-from firmware_gen import compiled
+from firmware_gen.transpiler import compiled
 from servolve.cli import main
 
 FIGURE7 = Path(__file__).parent / "golden" / "figure7.controller.toml"

@@ -11,8 +11,8 @@ from controller.cycle import resolve_cycle
 from controller.native import NativeCycle
 from controller.reference import ReferenceCommand, ReferenceCycle, ReferenceProgram
 from firmware_gen import compile_controllers, generate, transpile
-from firmware_gen.compiled import run_compiler
-from firmware_gen.vectors import bits_of, draw_inputs, selftest_vectors
+from firmware_gen.transpiler.compiled import run_compiler
+from firmware_gen.transpiler.vectors import bits_of, draw_inputs, selftest_vectors
 
 PROGRAMS = (
     "(list (* 80 (sin (* 7 t))) (% a1 a0_vel) (+ (* 30 (osc-tri 1.3 a2)) s0))",

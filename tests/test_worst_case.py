@@ -10,11 +10,11 @@ from instruction_count import count_instructions, frame_sizes
 
 from controller import Controller, Input, Output, load_controller, lower
 from firmware_gen import transpile
-from firmware_gen.control_flow import UnboundedError
-from firmware_gen.machine_code import Instruction, read_machine_code
-from firmware_gen.stack_depth import stack_depth, stack_growth
-from firmware_gen.targets import CORTEX_M0_TARGET, CORTEX_M4F_TARGET, FUNCTIONS, TARGETS, link_controller
-from firmware_gen.worst_case import bound_function
+from firmware_gen.bounds.control_flow import UnboundedError
+from firmware_gen.bounds.machine_code import Instruction, read_machine_code
+from firmware_gen.bounds.stack_depth import stack_depth, stack_growth
+from firmware_gen.bounds.targets import CORTEX_M0_TARGET, CORTEX_M4F_TARGET, FUNCTIONS, TARGETS, link_controller
+from firmware_gen.bounds.worst_case import bound_function
 
 GOLDEN = ("lamp-robust", "figure7", "lamp-hop")
 

@@ -26,11 +26,11 @@ from instruction_count import FOLDER, run  # noqa: E402
 from controller import Controller, load_controller  # noqa: E402
 from controller.reference import ReferenceProgram  # noqa: E402
 from firmware_gen import generate  # noqa: E402
-from firmware_gen.control_flow import UnboundedError  # noqa: E402
-from firmware_gen.machine_code import read_machine_code  # noqa: E402
-from firmware_gen.targets import CORTEX_M4F_TARGET  # noqa: E402
-from firmware_gen.vectors import bits_of, draw_inputs  # noqa: E402
-from firmware_gen.worst_case import bound_function  # noqa: E402
+from firmware_gen.bounds.control_flow import UnboundedError  # noqa: E402
+from firmware_gen.bounds.machine_code import read_machine_code  # noqa: E402
+from firmware_gen.bounds.targets import CORTEX_M4F_TARGET  # noqa: E402
+from firmware_gen.bounds.worst_case import bound_function  # noqa: E402
+from firmware_gen.transpiler.vectors import bits_of, draw_inputs  # noqa: E402
 
 GOLDEN = HERE.parent / "golden"
 STEPS = 1000

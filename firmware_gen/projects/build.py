@@ -12,8 +12,8 @@ from typing import Final
 from controller import Controller
 from controller.errors import InputError, RunError
 from controller.rig import Rig
-from firmware_gen.board import Board, load_board
-from firmware_gen.project import make_project, write_project
+from firmware_gen.projects.board import Board, load_board
+from firmware_gen.projects.project import make_project, write_project
 
 _SECONDS_MAX: Final = 600.0
 _PACKAGES: Final = MappingProxyType({"cc": "gcc", "arm-none-eabi-gcc": "gcc-arm-none-eabi"})

@@ -10,7 +10,7 @@ from controller import Controller
 from controller.registers import registers
 from controller.rig import Rig
 from controller.schedule import schedule_of
-from firmware_gen.rig_rows import table_blocks
+from firmware_gen.projects.rig_rows import table_blocks
 
 PROTOCOLS: Final = {"dynamixel-2.0": "SV_DYNAMIXEL2", "feetech-sts": "SV_FEETECH_STS"}
 """Protocols that the firmware speaks, by their names in rig files and in C."""

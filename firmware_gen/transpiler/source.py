@@ -6,12 +6,12 @@ from typing import Final
 
 from controller.decimals import format_decimal
 from controller.operations import BY_OPCODE
-from firmware_gen.command import clamp_lines, command_lines, init_lines
-from firmware_gen.header import input_dimension, opening_comment
-from firmware_gen.names import comment_text, mangle
-from firmware_gen.selftest import selftest_lines
-from firmware_gen.unit import GENERATOR_VERSION, Unit, operands_of, register_texts
-from firmware_gen.vectors import selftest_vectors
+from firmware_gen.transpiler.command import clamp_lines, command_lines, init_lines
+from firmware_gen.transpiler.header import input_dimension, opening_comment
+from firmware_gen.transpiler.names import comment_text, mangle
+from firmware_gen.transpiler.selftest import selftest_lines
+from firmware_gen.transpiler.unit import GENERATOR_VERSION, Unit, operands_of, register_texts
+from firmware_gen.transpiler.vectors import selftest_vectors
 
 COMMENT_MAX: Final = 72
 """Characters of a source expression in a comment; parts of longer ones are called by their variables."""

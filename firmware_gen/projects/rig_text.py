@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from controller.register import Register
-from firmware_gen.literals import literal
-from firmware_gen.rig_rows import HIGHEST, LOWEST
+from firmware_gen.projects.rig_rows import HIGHEST, LOWEST
+from firmware_gen.transpiler.literals import literal
 
 _ENCODINGS: Final = {
     "unsigned": "SV_UNSIGNED",

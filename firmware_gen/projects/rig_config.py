@@ -12,13 +12,13 @@ from controller.rig import Rig, Safety, Sensor
 from controller.rig_file import require_bus
 from controller.schedule import schedule_of
 from controller.terminals import TerminalSpec
-from firmware_gen.fingerprints import program_fingerprint, rig_fingerprint
-from firmware_gen.joint_config import joint_lines
-from firmware_gen.plain import plain
-from firmware_gen.rig_needs import needed_sensors
-from firmware_gen.rig_sizes import PROTOCOLS
-from firmware_gen.rig_text import field_lines, float_c, microseconds, pair_c, row_lines
-from firmware_gen.unit import Unit
+from firmware_gen.projects.fingerprints import program_fingerprint, rig_fingerprint
+from firmware_gen.projects.joint_config import joint_lines
+from firmware_gen.projects.plain import plain
+from firmware_gen.projects.rig_needs import needed_sensors
+from firmware_gen.projects.rig_sizes import PROTOCOLS
+from firmware_gen.projects.rig_text import field_lines, float_c, microseconds, pair_c, row_lines
+from firmware_gen.transpiler.unit import Unit
 
 CONSOLE_BAUD: Final = 1_000_000
 SENSOR_BAUD: Final = 115_200

@@ -15,7 +15,7 @@ import numpy as np
 
 from controller import Controller
 from controller.operations import BY_OPCODE, Operation
-from firmware_gen.intervals import (
+from firmware_gen.bounds.intervals import (
     INFINITE,
     PHASE,
     STATELESS,

@@ -9,8 +9,8 @@ from functools import lru_cache
 from typing import Final
 
 from controller.errors import RunError
-from firmware_gen.instruction_costs import is_conditional
-from firmware_gen.machine_code import Instruction, MachineCode
+from firmware_gen.bounds.instruction_costs import is_conditional
+from firmware_gen.bounds.machine_code import Instruction, MachineCode
 
 _CALL: Final = re.compile(r"bl(?:eq|ne|cs|hs|cc|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?")
 _BRANCH: Final = re.compile(r"b(?:eq|ne|cs|hs|cc|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le)?")

@@ -9,8 +9,8 @@ from typing import Final
 
 from controller import Controller
 from controller.rig import Rig
-from firmware_gen.plain import plain
-from firmware_gen.unit import GENERATOR_VERSION, Unit
+from firmware_gen.projects.plain import plain
+from firmware_gen.transpiler.unit import GENERATOR_VERSION, Unit
 
 _OWN: Final = frozenset({"main.c", "board.toml"})
 _ROUND_TWICE: Final = """\

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from controller import Controller
 from controller.errors import InputError, RunError
 from controller.reference import check_inputs
-from firmware_gen.generate import Transpiled, transpile
+from firmware_gen.transpiler.generate import Transpiled, transpile
 
 BASE_FLAGS: Final = ("-std=c99", "-shared", "-fPIC")
 

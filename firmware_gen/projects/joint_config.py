@@ -9,9 +9,9 @@ from typing import Final
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.terminals import joint_scale
-from firmware_gen.plain import plain
-from firmware_gen.rig_rows import CheckRow, check_rows, count_limits, setting_counts, table_blocks
-from firmware_gen.rig_text import count_c, field_lines, float_c, pair_c, register_c, row_lines
+from firmware_gen.projects.plain import plain
+from firmware_gen.projects.rig_rows import CheckRow, check_rows, count_limits, setting_counts, table_blocks
+from firmware_gen.projects.rig_text import count_c, field_lines, float_c, pair_c, register_c, row_lines
 
 _REST_SPEED_RAD_S: Final = 0.06
 _FAR_RAD: Final = 3.4e38

@@ -14,20 +14,20 @@ from controller import Controller, controller_text
 from controller.errors import InputError
 from controller.generate_runtime import PATH as RUNTIME_TABLE
 from controller.rig import Rig
-from firmware_gen.arduino_library import library_files
-from firmware_gen.board import Board
-from firmware_gen.fingerprints import program_fingerprint, rig_fingerprint
-from firmware_gen.generate import generate
-from firmware_gen.plain import plain
-from firmware_gen.program_glue import glue_source
-from firmware_gen.project_cmake import cmake_text
-from firmware_gen.project_readme import readme_text
-from firmware_gen.rig_config import rig_header, rig_source
-from firmware_gen.rig_sizes import sizes_files, sizes_of
-from firmware_gen.unit import GENERATOR_VERSION, Unit, make_unit
+from firmware_gen.projects.arduino_library import library_files
+from firmware_gen.projects.board import Board
+from firmware_gen.projects.fingerprints import program_fingerprint, rig_fingerprint
+from firmware_gen.projects.plain import plain
+from firmware_gen.projects.program_glue import glue_source
+from firmware_gen.projects.project_cmake import cmake_text
+from firmware_gen.projects.project_readme import readme_text
+from firmware_gen.projects.rig_config import rig_header, rig_source
+from firmware_gen.projects.rig_sizes import sizes_files, sizes_of
+from firmware_gen.transpiler.generate import generate
+from firmware_gen.transpiler.unit import GENERATOR_VERSION, Unit, make_unit
 
 MANIFEST: Final = "servolve.json"
-RUNTIME: Final = Path(__file__).resolve().parent / "runtime"
+RUNTIME: Final = Path(__file__).resolve().parents[1] / "runtime"
 CONTROLLER_RUNTIME: Final = RUNTIME_TABLE.parent
 SHARED: Final = (
     "sv_cycle.c",

@@ -6,9 +6,9 @@ import numpy as np
 
 from controller.controller import Output
 from controller.cycle import slew_step, unit_scale
-from firmware_gen.literals import literal
-from firmware_gen.names import mangle
-from firmware_gen.unit import Unit
+from firmware_gen.transpiler.literals import literal
+from firmware_gen.transpiler.names import mangle
+from firmware_gen.transpiler.unit import Unit
 
 
 def init_lines(unit: Unit) -> list[str]:

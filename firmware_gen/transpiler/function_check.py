@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from controller.operations import BY_NAME, Operation
-from firmware_gen.literals import literal
-from firmware_gen.unit import Unit
-from firmware_gen.vectors import NAN_BITS
+from firmware_gen.transpiler.literals import literal
+from firmware_gen.transpiler.unit import Unit
+from firmware_gen.transpiler.vectors import NAN_BITS
 
 TRIALS: Final = 1024
 """Evaluations of each operation: a program may need hours to bring a function to all of its branches."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from firmware_gen.header import input_dimension
-from firmware_gen.literals import literal
-from firmware_gen.unit import Unit
-from firmware_gen.vectors import LOOP_PART, Vectors
+from firmware_gen.transpiler.header import input_dimension
+from firmware_gen.transpiler.literals import literal
+from firmware_gen.transpiler.unit import Unit
+from firmware_gen.transpiler.vectors import LOOP_PART, Vectors
 
 
 def closed_loop_lines(unit: Unit, vectors: Vectors) -> list[str]:

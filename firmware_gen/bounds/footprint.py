@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from controller.errors import RunError
-from firmware_gen.generate import Transpiled
-from firmware_gen.machine_code import MachineCode
-from firmware_gen.stack_depth import stack_depth
-from firmware_gen.targets import FUNCTIONS, Target, link_controller
-from firmware_gen.worst_case import WorstCase, bound_function
+from firmware_gen.bounds.machine_code import MachineCode
+from firmware_gen.bounds.stack_depth import stack_depth
+from firmware_gen.bounds.targets import FUNCTIONS, Target, link_controller
+from firmware_gen.bounds.worst_case import WorstCase, bound_function
+from firmware_gen.transpiler.generate import Transpiled
 
 
 @dataclass(frozen=True)

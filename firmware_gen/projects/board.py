@@ -9,7 +9,7 @@ from typing import Any, Final
 from controller.errors import InputError
 from controller.toml_table import Table, read_toml
 
-BOARDS: Final = Path(__file__).resolve().parent / "boards"
+BOARDS: Final = Path(__file__).resolve().parents[1] / "boards"
 FORMS: Final = ("cmake", "arduino")
 """What a project can be."""
 

@@ -10,11 +10,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from firmware_gen.control_flow import Graph, Loop, UnboundedError, Way, function_graph, is_call
-from firmware_gen.instruction_costs import instruction_cycles, register_count
-from firmware_gen.machine_code import Instruction, MachineCode
-from firmware_gen.stack_depth import stack_depth
-from firmware_gen.targets import Target, Timing
+from firmware_gen.bounds.control_flow import Graph, Loop, UnboundedError, Way, function_graph, is_call
+from firmware_gen.bounds.instruction_costs import instruction_cycles, register_count
+from firmware_gen.bounds.machine_code import Instruction, MachineCode
+from firmware_gen.bounds.stack_depth import stack_depth
+from firmware_gen.bounds.targets import Target, Timing
 
 Weight = Callable[[Instruction, Instruction | None, bool], int]
 """(instruction, the next one or None, branch taken) => cost."""

@@ -7,9 +7,9 @@ from typing import Final
 
 from controller import Controller
 from controller.rig import Rig
-from firmware_gen.board import Board
-from firmware_gen.plain import plain
-from firmware_gen.rig_config import CONSOLE_BAUD, SENSOR_BAUD
+from firmware_gen.projects.board import Board
+from firmware_gen.projects.plain import plain
+from firmware_gen.projects.rig_config import CONSOLE_BAUD, SENSOR_BAUD
 
 _PACKAGES: Final = {"cc": "gcc", "arm-none-eabi-gcc": "gcc-arm-none-eabi"}
 

@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from firmware_gen.control_flow import UnboundedError, Way, function_ways, is_call
-from firmware_gen.instruction_costs import register_count
-from firmware_gen.machine_code import Instruction, MachineCode
+from firmware_gen.bounds.control_flow import UnboundedError, Way, function_ways, is_call
+from firmware_gen.bounds.instruction_costs import register_count
+from firmware_gen.bounds.machine_code import Instruction, MachineCode
 
 _BY_REGISTER: Final = re.compile(r"sp, (?:sp, )?r\d+")
 

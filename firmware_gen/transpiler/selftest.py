@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from firmware_gen.closed_loop import closed_loop_lines
-from firmware_gen.function_check import calls_functions, function_check_lines
-from firmware_gen.header import input_dimension
-from firmware_gen.literals import literal
-from firmware_gen.unit import Unit
-from firmware_gen.vectors import NAN_BITS, Vectors
+from firmware_gen.transpiler.closed_loop import closed_loop_lines
+from firmware_gen.transpiler.function_check import calls_functions, function_check_lines
+from firmware_gen.transpiler.header import input_dimension
+from firmware_gen.transpiler.literals import literal
+from firmware_gen.transpiler.unit import Unit
+from firmware_gen.transpiler.vectors import NAN_BITS, Vectors
 
 
 def selftest_lines(unit: Unit, vectors: Vectors) -> list[str]:

@@ -7,9 +7,9 @@ import numpy as np
 from controller import format_source
 from controller.controller import Input, Output
 from controller.decimals import format_decimal
-from firmware_gen.names import comment_text, mangle
-from firmware_gen.unit import GENERATOR_VERSION, Unit
-from firmware_gen.vectors import STEPS_HARD, STEPS_LOOP, STEPS_USUAL
+from firmware_gen.transpiler.names import comment_text, mangle
+from firmware_gen.transpiler.unit import GENERATOR_VERSION, Unit
+from firmware_gen.transpiler.vectors import STEPS_HARD, STEPS_LOOP, STEPS_USUAL
 
 
 def header_text(unit: Unit) -> str:

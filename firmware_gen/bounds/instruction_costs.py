@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Final
 
 from controller.errors import RunError
-from firmware_gen.machine_code import Instruction
+from firmware_gen.bounds.machine_code import Instruction
 
 _CONDITIONS: Final = "(?:eq|ne|cs|hs|cc|lo|mi|pl|vs|vc|hi|ls|ge|lt|gt|le|al)"
 _FPU_ARITHMETIC: Final = frozenset(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from firmware_gen.plain import plain
-from firmware_gen.unit import Unit
+from firmware_gen.projects.plain import plain
+from firmware_gen.transpiler.unit import Unit
 
 _STEP: Final = (
     "void sv_step(const sv_program* program, float dt, const float* inputs, float* registers, float* state, "

@@ -13,9 +13,14 @@ import numpy as np
 from controller import Controller, program_hash
 from controller.cycle import slew_step
 from controller.operations import BY_OPCODE, Operation
-from firmware_gen.literals import literal
-from firmware_gen.names import check_c_name, local_prefix, mangle, unit_name
-from firmware_gen.runtime_functions import RuntimeFunction, called_functions, operations_of, read_runtime_functions
+from firmware_gen.transpiler.literals import literal
+from firmware_gen.transpiler.names import check_c_name, local_prefix, mangle, unit_name
+from firmware_gen.transpiler.runtime_functions import (
+    RuntimeFunction,
+    called_functions,
+    operations_of,
+    read_runtime_functions,
+)
 
 GENERATOR_VERSION: Final = 3
 """Changes whenever the same controller gives other files."""

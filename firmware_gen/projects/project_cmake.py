@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_gen.board import Board, Flash
+from firmware_gen.projects.board import Board, Flash
 
 WARNINGS: Final = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wmissing-prototypes")
 ARITHMETIC: Final = ("-std=c99", "-ffp-contract=off")

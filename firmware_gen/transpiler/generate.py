@@ -7,9 +7,9 @@ from pathlib import Path
 
 from controller import Controller
 from controller.errors import InputError
-from firmware_gen.header import header_text
-from firmware_gen.source import source_text
-from firmware_gen.unit import Unit, make_unit
+from firmware_gen.transpiler.header import header_text
+from firmware_gen.transpiler.source import source_text
+from firmware_gen.transpiler.unit import Unit, make_unit
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from firmware_gen.compiled import run_compiler
-from firmware_gen.generate import Transpiled
-from firmware_gen.instruction_costs import CORTEX_M0, CORTEX_M4F, CycleTable
-from firmware_gen.machine_code import MachineCode, read_machine_code, run_tool
+from firmware_gen.bounds.instruction_costs import CORTEX_M0, CORTEX_M4F, CycleTable
+from firmware_gen.bounds.machine_code import MachineCode, read_machine_code, run_tool
+from firmware_gen.transpiler.compiled import run_compiler
+from firmware_gen.transpiler.generate import Transpiled
 
 FUNCTIONS: Final = ("init", "step", "clamp", "command")
 """What a firmware calls each period or at its start; the selftest is not counted."""

@@ -1,0 +1,1 @@
+"""From a controller to C: names, source, header, selftest."""
