@@ -12,7 +12,7 @@ import numpy.typing as npt
 from controller import Program
 from controller.operations import BY_OPCODE
 from evolve.evaluate import Evaluation
-from firmware_gen.runtime_functions import operations_of, read_runtime_functions
+from firmware_gen.transpiler.runtime_functions import operations_of, read_runtime_functions
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]

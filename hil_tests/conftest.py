@@ -30,7 +30,7 @@ from deploy.joint_counts import joint_angle, joint_count
 from deploy.period import Connection
 from deploy.servo_bus import ServoBus
 from deploy.torque import release, seed_goals, torque_on, write_settings
-from firmware_gen.rig_config import require_speakable
+from firmware_gen.projects.rig_config import require_speakable
 
 DEFAULT_RIG = "lamp-xc330"
 VIRTUAL, FIRMWARE = "virtual", "firmware"

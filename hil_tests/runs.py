@@ -100,6 +100,6 @@ def by_firmware(
 
 @functools.cache
 def _image(_: str, rig: Rig, folder: Path) -> Path:
-    from firmware_gen.build import build_firmware
+    from firmware_gen.projects.build import build_firmware
 
     return build_firmware(swaying(rig), rig, "host", folder)
