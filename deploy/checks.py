@@ -184,7 +184,7 @@ def _check_servo(bus: ServoBus, rig: Rig, joint: Joint, waits_s: list[float]) ->
     if reply.status != "data":
         said = "does not answer" if reply.status == "missing" else "answers with corrupt packets only"
         where = f"on {bus.port.label} at {rig.bus.baud} baud"
-        text = f"{named}: {said} {where}; check its power, cable, id and baud rate"
+        text = f"{named}: {said} {where}; check its power, cable, id and baud rate; rig scan shows who answers"
         return Reading(joint, {}), [Finding("error", text)]
     if model != joint.product.model_number:
         text = (

@@ -219,7 +219,7 @@ class Periods:
         return (
             judge_replies(rig, watch, replies)
             or self._alerts(replies)
-            or judge_encoders(rig, watch, self.clock.now(), replies, io.angles_rad())
+            or judge_encoders(rig, watch, self._begin, self.clock.now(), replies, io.angles_rad())
             or judge_sensors(rig, watch, self.needed, ages)
             or self._tracking()
             or self._tilt(ages)

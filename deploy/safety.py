@@ -203,24 +203,25 @@ def judge_sensors(rig: Rig, watch: Watch, needed: frozenset[int], ages_s: Sequen
 
 
 def judge_encoders(
-    rig: Rig, watch: Watch, now: float, replies: Mapping[int, Reply], angles_rad: Sequence[float]
+    rig: Rig, watch: Watch, asked: float, now: float, replies: Mapping[int, Reply], angles_rad: Sequence[float]
 ) -> str | None:
     """Stop when an angle has jumped farther than its servo can turn: the encoder has wrapped around or lost its count.
 
     Args:
         rig: the rig
         watch: counts
-        now: time [s]
+        asked: when the servos were asked, or earlier [s]
+        now: time, at which they had answered [s]
         replies: servo id => its reply of this period
         angles_rad: angles, (njoint,)
     """
     for joint, angle in zip(rig.joints, angles_rad, strict=True):
         if joint.mode != "position" or replies[joint.id].status != "data":
             continue
-        since, before = watch.believed.setdefault(joint.name, (now, angle))
+        since, before = watch.believed.setdefault(joint.name, (asked, angle))
         reach = _JUMP_RAD + _JUMP_SPEED * joint.product.no_load_speed_rad_s * (now - since)
         if abs(angle - before) <= reach:
-            watch.believed[joint.name] = (now, angle)
+            watch.believed[joint.name] = (asked, angle)  # an answer that was held up is as old as its question
             watch.jumped[joint.name] = 0
             continue
         watch.jumped[joint.name] = watch.jumped.get(joint.name, 0) + 1

@@ -12,11 +12,11 @@ from types import FrameType
 from typing import Any, Final
 
 _KEYS: Final = b"qQ "
-_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class StopRequest:
-    """Listen for SIGINT, SIGTERM, SIGHUP and, at a terminal, for the keys ``q`` and space, until closed.
+    """Listen for SIGINT, SIGTERM, SIGHUP, SIGQUIT and, at a terminal, for the keys ``q`` and space, until closed.
 
     A signal is noted and nothing else, so that no transaction on the bus is cut in two and the way out is always the
     same one; a second signal changes nothing.

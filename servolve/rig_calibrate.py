@@ -263,6 +263,7 @@ def _imported(pose: Pose, motors: Mapping[str, MotorCalibration], file: Path | N
     if family.homing_offset and not asked:
         # without a servo to ask: as the loop needs it, or as the file says that it is
         held = dict(family.settings).get(family.homing_offset, found.homing_offset)
+        pose.settings = {**pose.settings, "homing_offset": held}
     return imported_travel(joint, found, held)
 
 

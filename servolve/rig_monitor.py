@@ -214,7 +214,7 @@ def _torque(servo: ServoView) -> str:
 
 
 def _silent(servo: ServoView) -> bool:
-    return servo.missed_in_a_row >= _SILENT
+    return servo.missed_in_a_row >= _SILENT or 0 < servo.missed == servo.asked
 
 
 def _state(servo: ServoView) -> Text:

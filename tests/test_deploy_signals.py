@@ -50,7 +50,12 @@ def sentences(told):
 
 @pytest.mark.parametrize(
     ("number", "by_tcp", "as_json"),
-    [(signal.SIGINT, False, False), (signal.SIGTERM, True, True), (signal.SIGHUP, False, False)],
+    [
+        (signal.SIGINT, False, False),
+        (signal.SIGTERM, True, True),
+        (signal.SIGHUP, False, False),
+        (signal.SIGQUIT, False, True),
+    ],
 )
 def test_a_signal_ends_the_run_with_torque_off(tmp_path, server, number, by_tcp, as_json):
     run = deploy(tmp_path, server.tcp if by_tcp else f"{tmp_path}/bus", "--arm", *(["--json"] if as_json else []))

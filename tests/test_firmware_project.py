@@ -24,7 +24,7 @@ from servolve.cli import main
 
 LAMP = Path(__file__).parent / "golden" / "lamp-hop.controller.toml"
 ARM = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffreestanding")
-BUILT = sorted(path.parent.name for path in BOARDS.glob("*/toolchain.cmake"))
+BUILT = sorted(path.parent.name for path in BOARDS.glob("*/board.toml") if load_board(path.parent.name).form == "cmake")
 IMAGES = tomllib.loads((LAMP.parent / "image_sizes.toml").read_text())["image"]
 LISTED = ", ".join(board_names())
 COMPILERS = {"gcc": (), "clang": (), "arm-none-eabi-gcc": ARM}

@@ -201,8 +201,10 @@ def test_encoders_that_jump(pair, data):
         statuses = data.draw(st.lists(st.sampled_from(("data", "data", "missing")), min_size=njoint, max_size=njoint))
         seen = [Reply(joint.id, status, b"", 0, 0.0) for joint, status in zip(pair.rig.joints, statuses, strict=True)]
         angles = [joint_angle(joint, count) for joint, count in zip(pair.rig.joints, counts, strict=True)]
-        said = safety.judge_encoders(pair.rig, pair.watch, 1e-6 * now_us, {reply.id: reply for reply in seen}, angles)
-        told = pair.judges.judge("encoders", c_int64(now_us), replies(seen), counts)
+        asked_us = now_us - data.draw(st.sampled_from((0, 812, 9_000)))
+        by_id = {reply.id: reply for reply in seen}
+        said = safety.judge_encoders(pair.rig, pair.watch, 1e-6 * asked_us, 1e-6 * now_us, by_id, angles)
+        told = pair.judges.judge("encoders", c_int64(asked_us), c_int64(now_us), replies(seen), counts)
         if agree(pair, said, told, reasons):
             assert told[2] / 1000 == pytest.approx(numbers(said)[0], abs=0.006)
             assert told[3] / 1e6 == pytest.approx(numbers(said)[1], abs=0.006)
@@ -218,8 +220,8 @@ def test_every_jump_of_an_encoder(lamp, step_us):
         lamp.start()
         for now_us, counts in ((1_000_000, [2048] * 3), (1_000_000 + step_us, [2048, 2048 - jump, 2048])):
             angles = [joint_angle(joint, count) for joint, count in zip(lamp.rig.joints, counts, strict=True)]
-            said = safety.judge_encoders(lamp.rig, lamp.watch, 1e-6 * now_us, by_id, angles)
-            told = lamp.judges.judge("encoders", c_int64(now_us), replies(seen), counts)
+            said = safety.judge_encoders(lamp.rig, lamp.watch, 1e-6 * now_us, 1e-6 * now_us, by_id, angles)
+            told = lamp.judges.judge("encoders", c_int64(now_us), c_int64(now_us), replies(seen), counts)
         ended.add(agree(lamp, said, told, {"has jumped": 40}))
     assert ended == {False, True}
 

@@ -7,6 +7,7 @@ import hashlib
 import os
 import random
 import subprocess
+import time
 from itertools import pairwise
 from pathlib import Path
 from select import select
@@ -43,8 +44,16 @@ def tried(request, tmp_path_factory):
     """Return the image of `board_image.c` and its machine, compiled with the warnings of all of our C."""
     board = load_board(request.param)
     elf = tmp_path_factory.mktemp("board") / "board.elf"
-    sources = [Path(__file__).with_name("board_image.c"), *(board.folder / source for source in board.sources)]
-    includes = [f"-I{folder}" for folder in (board.folder, RUNTIME, RUNTIME.parents[1] / "controller" / "runtime")]
+    sources = [Path(__file__).with_name("board_image.c"), *(path for path in board.files if path.name in board.sources)]
+    includes = [
+        f"-I{folder}"
+        for folder in (
+            board.folder,
+            board.folder.parent / board.core,
+            RUNTIME,
+            RUNTIME.parents[1] / "controller" / "runtime",
+        )
+    ]
     link = [flag.replace("{board}", str(board.folder)) for flag in board.link_flags]
     subprocess.run([board.compiler, *FLAGS, *board.flags, *includes, *sources, "-o", elf, *link], check=True)
     return elf, board.machine
@@ -89,10 +98,16 @@ def say(machine, data, answer=b""):
     for _ in range(1000):
         machine.stub.step()
         run_to(machine, "sv_hal_wait")
-        said += heard(machine)
+        said += heard(machine) or starved()
         if said.endswith(answer):
             break
     return said
+
+
+def starved():
+    """Leave the processor to the emulator's other thread, which carries the bytes."""
+    time.sleep(0.002)
+    return b""
 
 
 def heard(machine, line="bus"):
@@ -307,6 +322,3 @@ def test_wrong_images_and_machines_are_refused(tmp_path, tried):
 
 def test_boards_and_machines_agree():
     assert {load_board(name).machine for name in ("stm32f405", "mps2-an386")} == set(BOARDS)
-    folders = [load_board(name).folder for name in ("stm32f405", "mps2-an386")]
-    for shared in ("startup.c", "board.h", "ring.h", "toolchain.cmake"):
-        assert len({(folder / shared).read_bytes() for folder in folders}) == 1, shared

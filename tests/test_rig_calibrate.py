@@ -253,3 +253,12 @@ def test_motors_that_do_not_fit_the_rig(tmp_path, capfd):
     motors.write_text(json.dumps({"a0": entry | {"id": 1, "homing_offset": 3000}}))
     assert main(["rig", "calibrate", "lamp-sts3215", "--import", str(motors), "--joints", "a0"]) == 2
     assert "homing_offset 3000 is more than the 2047 that its sts3215 holds" in capfd.readouterr().err
+
+
+def test_an_offset_that_was_imported_without_a_servo_to_ask_is_exported_again(tmp_path):
+    motor = {"id": 1, "drive_mode": 0, "homing_offset": -100, "range_min": 1213, "range_max": 2887}
+    (tmp_path / "motors.json").write_text(json.dumps({"a0": motor}))
+    files = ("--import", str(tmp_path / "motors.json"), "--export", str(tmp_path / "again.json"))
+    made = str(tmp_path / "mine.rig.toml")
+    assert main(["rig", "calibrate", "lamp-sts3215", "--joints", "a0", *files, "--out", made]) == 0
+    assert json.loads((tmp_path / "again.json").read_text())["a0"]["homing_offset"] == -100

@@ -82,3 +82,8 @@ def test_the_page_lists_every_key():
     listed = re.findall(r"`([a-z_]+)`", "".join(re.findall(r"^\| (`[^|]+) \|", alone, re.M)))
     assert listed == [field.name for field in fields(Twin) if field.name not in (*JOINT_KEYS, "name", "text", "joints")]
     assert set(re.findall(r"^\| `([a-z-]+)` \|", page, re.M)) >= set(twin_names())
+
+
+def test_a_twin_that_is_not_there_is_told_with_those_that_are():
+    with pytest.raises(InputError, match=f"twin 'nosuch' is not known; choose one of {', '.join(twin_names())}, or "):
+        load_twin("nosuch")

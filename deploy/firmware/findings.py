@@ -125,7 +125,8 @@ def _of_line(found: Found, rig: Rig, joint: Joint, label: str) -> str | None:
     named = _named(joint)
     if found.finding in (Kind.ABSENT, Kind.CORRUPT):
         said = "does not answer" if found.finding == Kind.ABSENT else "answers with corrupt packets only"
-        return f"{named}: {said} on {label} at {rig.bus.baud} baud; check its power, cable, id and baud rate"
+        where = f"on {label} at {rig.bus.baud} baud"
+        return f"{named}: {said} {where}; check its power, cable, id and baud rate; rig scan shows who answers"
     if found.finding == Kind.LATE:
         return (
             f"{named}: answers {1e-3 * found.value:.0f} ms late; set the adapter's latency timer to 1 ms, or look for "

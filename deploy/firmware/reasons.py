@@ -206,7 +206,7 @@ def _jumped(why: Why, rig: Rig, _: str) -> str | None:
     watch = Watch(believed={joint.name: (0.0, 0.0)}, jumped={joint.name: _LASTING})
     replies = {other.id: Reply(other.id, "data" if other is joint else "missing", b"", 0, 0.0) for other in rig.joints}
     angles = [1e-3 * why.a] * len(rig.joints)
-    return judge_encoders(rig, watch, 1e-6 * why.b, replies, angles)
+    return judge_encoders(rig, watch, 0.0, 1e-6 * why.b, replies, angles)
 
 
 def _off_track(why: Why, rig: Rig, _: str) -> str | None:

@@ -183,7 +183,13 @@ def load_twin(name_or_path: str | Path) -> Twin:
     Raises:
         InputError: it can not be read, or something in it is wrong
     """
-    top = read_toml(_shipped().get(str(name_or_path), Path(name_or_path)), "twin file")
+    path = _shipped().get(str(name_or_path), Path(name_or_path))
+    if not path.exists():
+        raise InputError(
+            f"twin '{name_or_path}' is not known; choose one of {', '.join(twin_names())}, or give the path of a twin "
+            "file"
+        )
+    top = read_toml(path, "twin file")
     top.refuse_unknown(("format", "twin", "joint"))
     table = top.table("twin")
     table.refuse_unknown(("name", *_RANGES))

@@ -39,6 +39,7 @@ class Board:
     Args:
         name: of its folder
         folder: where its files are
+        core: name of the folder beside it with files that it shares with other boards of its core, or ""
         form: "cmake": a project that CMake builds; "arduino": a library for the Arduino IDE and PlatformIO
         title: what it is called
         chip: what it computes with
@@ -55,6 +56,7 @@ class Board:
 
     name: str
     folder: Path
+    core: str
     form: str
     title: str
     chip: str
@@ -70,8 +72,8 @@ class Board:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Return all files of its folder, sorted."""
-        return tuple(sorted(path for path in self.folder.iterdir() if path.is_file() and not path.name.startswith(".")))
+        """Return all files that belong to it, sorted by name; its own stand before those of its core."""
+        return _files(self.folder, self.core)
 
 
 def board_names() -> tuple[str, ...]:
@@ -106,15 +108,20 @@ def _board(top: Table, folder: Path) -> Board:
     head = top.table("board")
     head.refuse_unknown([field.name for field in fields(Board) if field.name not in ("name", "folder", "flash")])
     form = _form(head)
-    if form == "cmake" and not (folder / _TOOLCHAIN).is_file():
+    core = head.name_value("core") if "core" in head.values else ""
+    if core and not (folder.parent / core).is_dir():
+        head.fail("core", f"there is no folder {core} beside the board's; add it, or correct the name")
+    present = {path.name for path in _files(folder, core)}
+    if form == "cmake" and _TOOLCHAIN not in present:
         raise InputError(f"{folder}: has no {_TOOLCHAIN}; add one that names the compiler, or an empty one")
     sources = _texts(head, "sources")
     for source in sources:
-        if not (folder / source).is_file() or "/" in source:
+        if source not in present:
             head.fail("sources", f"there is no file {source} in the board's folder; add it, or correct the name")
     return Board(
         name=folder.name,
         folder=folder,
+        core=core,
         form=form,
         title=head.text_value("title"),
         chip=head.text_value("chip"),
@@ -128,6 +135,13 @@ def _board(top: Table, folder: Path) -> Board:
         power=head.text_value("power").strip(),
         flash=tuple(_flash(table) for table in top.tables("flash")),
     )
+
+
+def _files(folder: Path, core: str) -> tuple[Path, ...]:
+    found: dict[str, Path] = {}
+    for place in (folder.parent / core, folder) if core else (folder,):
+        found |= {path.name: path for path in place.iterdir() if path.is_file() and not path.name.startswith(".")}
+    return tuple(found[name] for name in sorted(found))
 
 
 def _form(head: Table) -> str:

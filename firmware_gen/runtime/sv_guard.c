@@ -71,7 +71,7 @@ int32_t sv_judge_period(sv_robot* robot) {
     ages_us[i] = sv_clip_us(sv_lines_age_us(&robot->lines, i, sv_hal_now_us()));
   }
   return sv_judge_replies(rig, watch, robot->replies) || sv_alerts(robot) ||
-         sv_judge_encoders(rig, watch, sv_hal_now_us(), robot->replies, robot->raw) ||
+         sv_judge_encoders(rig, watch, robot->begin_us, sv_hal_now_us(), robot->replies, robot->raw) ||
          sv_judge_sensors(rig, watch, ages_us) || sv_tracking(robot) || sv_tilt(robot, ages_us);
 }
 

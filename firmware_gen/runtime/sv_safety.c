@@ -120,7 +120,7 @@ int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int32_t* ages
   return 0;
 }
 
-int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, const sv_reply* replies,
+int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t asked_us, int64_t now_us, const sv_reply* replies,
                           const int32_t* counts) {
   if (SV_VELOCITY_MODE(rig)) {
     return 0;
@@ -137,7 +137,8 @@ int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, co
     const float way = joint->believed_us < 0 ? 0.0F : sv_absolute(angle - joint->believed_rad);
     const float turned = kJumpSpeed * rig->joints[i].no_load_speed * since;
     if (way <= kJumpRad + turned) {
-      joint->believed_us = now_us;
+      // an answer that was held up is as old as its question
+      joint->believed_us = asked_us;
       joint->believed_rad = angle;
       joint->jumped = 0;
       continue;

@@ -74,8 +74,9 @@ int32_t sv_judge_torque(sv_watch* watch, int32_t joint, int32_t torque);
 // Stop when a sensor that is needed has been old for too many periods: ages_us (nsensor), -1: never read.
 int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int32_t* ages_us);
 
-// Stop when an angle has jumped farther than its servo can turn: replies (njoint), encoder counts (njoint).
-int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t now_us, const sv_reply* replies,
+// Stop when an angle has jumped farther than its servo can turn: asked at asked_us or later and read by now_us, replies
+// (njoint), encoder counts (njoint).
+int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t asked_us, int64_t now_us, const sv_reply* replies,
                           const int32_t* counts);
 
 // Stop when a joint has been far from its goal for too long: goals and encoder counts (njoint).
