@@ -80,7 +80,7 @@ def make_project(controller: Controller, rig: Rig, board: Board, fast_sync_read:
     """
     rig_c = rig_source(rig, controller, fast_sync_read)
     unit = _unit(controller, board)
-    generated = generate(controller, unit.name)
+    generated = generate(controller, unit.name, short=board.form != "arduino")
     sizes = sizes_of(rig, controller)
     files = {
         f"src/{unit.name}.c": generated.source,

@@ -15,10 +15,10 @@ from firmware_gen.transpiler.vectors import NAN_BITS
 TRIALS: Final = 1024
 """Evaluations of each operation: a program may need hours to bring a function to all of its branches."""
 
-_SEED: Final = 0x2545F491
+SEED: Final = 0x2545F491
 _STRIDE: Final = 0x9E3779B9
 _FACTORS: Final = (0x21F0AAAD, 0x735A2D97)
-_HASH_START: Final = 0x811C9DC5
+HASH_START: Final = 0x811C9DC5
 _MASK: Final = 0xFFFFFFFF
 _SUBNORMAL: Final = 0x807FFFFF
 _RANGES: Final = (1, 16, 16, 128, 16384)
@@ -50,8 +50,7 @@ def function_check_lines(unit: Unit) -> list[str]:
     period = np.float32(unit.controller.period_s)
     nstate = max(operation.nstate for operation in operations)
     lines = [
-        *_draw(name),
-        *_mix(name),
+        *number_lines(name),
         "// each function on random numbers of all kinds; one hash of all that it gives, as the reference does",
         f"static int32_t {name}_functions(void) {{",
         *[f"  float {operand};" for operand in "abc"[: max(operation.arity for operation in operations)]],
@@ -68,6 +67,18 @@ def function_check_lines(unit: Unit) -> list[str]:
 def _checked(unit: Unit) -> list[Operation]:
     used = [BY_NAME[name] for name in unit.operation_counts]
     return [operation for operation in used if "sv_" in operation.c]
+
+
+def number_lines(name: str) -> list[str]:
+    """Write the functions that draw random numbers of all kinds and mix answers into a hash.
+
+    Args:
+        name: what the unit's symbols begin with
+
+    Returns:
+        lines of C
+    """
+    return [*_draw(name), *_mix(name)]
 
 
 def _draw(name: str) -> list[str]:
@@ -124,8 +135,8 @@ def _trials(name: str, operation: Operation, period: np.float32) -> list[str]:
     values = dict(zip(operands, operands, strict=True))
     expression = operation.c.format(**values, s="s", dt=literal(period))
     return [
-        f"  random = 0x{_SEED:08x}U;",
-        f"  hash = 0x{_HASH_START:08x}U;",
+        f"  random = 0x{SEED:08x}U;",
+        f"  hash = 0x{HASH_START:08x}U;",
         f"  for (i = 0; i < {TRIALS}; i++) {{",
         *[f"    s[{slot}] = {name}_draw(&random);" for slot in slots],
         *[f"    {operand} = {name}_draw(&random);" for operand in operands],
@@ -150,13 +161,13 @@ def answers_hash(name: str, dt: float) -> int:
         32 bits
     """
     operation = BY_NAME[name]
-    random = _SEED
-    result = _HASH_START
+    random = SEED
+    result = HASH_START
     with np.errstate(all="ignore"):
         for _ in range(TRIALS):
             drawn = []
             for _ in range(operation.nstate + operation.arity):
-                random, value = _draw_float(random)
+                random, value = draw_float(random)
                 drawn.append(value)
             state = np.array(drawn[: operation.nstate], np.float32)
             operands = drawn[operation.nstate :]
@@ -166,14 +177,31 @@ def answers_hash(name: str, dt: float) -> int:
                 else operation.reference(*operands)
             )
             for value in (np.float32(answer), *state):
-                bits = NAN_BITS if np.isnan(value) else int(value.view(np.uint32))
-                result = (result ^ bits) * _FACTORS[0] & _MASK
-                result ^= result >> 15
+                result = hash_float(result, value)
     return result
 
 
-def _draw_float(random: int) -> tuple[int, np.float32]:
-    """Return the generator's next state and a random number, bit for bit as the generated C."""
+def hash_float(before: int, value: np.float32) -> int:
+    """Return a hash with one more answer in it, as the generated C mixes it in; all NaNs are one.
+
+    Args:
+        before: the hash, 32 bits
+        value: the answer
+
+    Returns:
+        32 bits
+    """
+    bits = NAN_BITS if np.isnan(value) else int(value.view(np.uint32))
+    mixed = (before ^ bits) * _FACTORS[0] & _MASK
+    return mixed ^ mixed >> 15
+
+
+def draw_float(random: int) -> tuple[int, np.float32]:
+    """Return the generator's next state and a random number, bit for bit as the generated C.
+
+    Args:
+        random: the generator's state, 32 bits
+    """
     kind = _mixed(random + _STRIDE) >> 29
     random = (random + 2 * _STRIDE) & _MASK
     word = _mixed(random)

@@ -42,12 +42,13 @@ class Transpiled:
     source: Path
 
 
-def generate(controller: Controller, name: str | None = None) -> Generated:
+def generate(controller: Controller, name: str | None = None, short: bool = False) -> Generated:
     """Write a controller as C99 text: the same controller and name, the same bytes.
 
     Args:
         controller: a verified controller
         name: what files and symbols begin with, or None for the controller's name
+        short: whether the selftest is an image's, a tenth of the size: it compares a hash of the program's answers
 
     Returns:
         the texts
@@ -56,7 +57,7 @@ def generate(controller: Controller, name: str | None = None) -> Generated:
         InputError: the name is not a C identifier
     """
     unit = make_unit(controller, name)
-    return Generated(unit, header_text(unit), source_text(unit))
+    return Generated(unit, header_text(unit, short), source_text(unit, short))
 
 
 def transpile(controller: Controller, out_dir: Path | str, name: str | None = None) -> Transpiled:

@@ -12,11 +12,12 @@ from firmware_gen.transpiler.unit import GENERATOR_VERSION, Unit
 from firmware_gen.transpiler.vectors import STEPS_HARD, STEPS_LOOP, STEPS_USUAL
 
 
-def header_text(unit: Unit) -> str:
+def header_text(unit: Unit, short: bool = False) -> str:
     """Write the header.
 
     Args:
         unit: the controller and its names
+        short: whether the selftest compares a hash of the answers, not a recorded run
 
     Returns:
         the whole file
@@ -25,7 +26,7 @@ def header_text(unit: Unit) -> str:
     return "\n".join(
         [
             *opening_comment(unit),
-            *_manual(unit),
+            *_manual(unit, short),
             "",
             f"#ifndef {name}_H_",
             f"#define {name}_H_",
@@ -46,7 +47,7 @@ def header_text(unit: Unit) -> str:
             *_enumeration(unit, "input", [_input_comment(i) for i in unit.controller.inputs]),
             *_enumeration(unit, "output", [_output_comment(o) for o in unit.controller.outputs]),
             *_state(unit),
-            *_functions(unit),
+            *_functions(unit, short),
             "#ifdef __cplusplus",
             "}",
             "#endif",
@@ -81,15 +82,16 @@ def input_dimension(unit: Unit) -> str:
     return f"{unit.name}_ninput" if unit.controller.inputs else "1"
 
 
-def _manual(unit: Unit) -> list[str]:
+def _manual(unit: Unit, short: bool) -> list[str]:
     name = unit.name
     step_words = len(unit.controller.inputs) + 3 * len(unit.controller.outputs)
     table_bytes = 4 * ((STEPS_USUAL + STEPS_HARD) * step_words + STEPS_LOOP * len(unit.controller.outputs))
+    constants = "" if short else f"; {table_bytes} bytes of constants, for the selftest only"
     program = [f"//   {comment_text(line)}" for line in format_source(unit.controller.source).splitlines()]
     return [
         f"//   period      {_number(unit.controller.period_s)} s",
         f"//   filter      {_filter(unit)}",
-        f"//   memory      {unit.state_bytes} bytes of state; {table_bytes} bytes of constants, for the selftest only",
+        f"//   memory      {unit.state_bytes} bytes of state{constants}",
         f"//   worst case  {sum(unit.operation_counts.values())} program operations a step, at most "
         f"{unit.worst_case} float operations and comparisons",
         "//",
@@ -149,8 +151,19 @@ def _state(unit: Unit) -> list[str]:
     ]
 
 
-def _functions(unit: Unit) -> list[str]:
+def _functions(unit: Unit, short: bool) -> list[str]:
     name = unit.name
+    recorded = [
+        "// Check this build on this machine against the recorded answers of the reference. Returns 0: the same bits;",
+        "// n > 0: step n of the recording differs; -1: subnormals are flushed to zero; -2: products are fused with",
+        "// sums; -3: rounding is not to nearest even; -4: the clamp is wrong; -5: a copied function is wrong;",
+        "// -6: the command is wrong; -7: a closed loop, whose inputs follow its commands, goes another way.",
+    ]
+    hashed = [
+        "// Check the program of this build on this machine against a hash of the reference's answers. Returns 0: the",
+        "// same bits; 1: the program's answers differ; -1: subnormals are flushed to zero; -2: products are fused",
+        "// with sums; -3: rounding is not to nearest even; -5: a copied function is wrong.",
+    ]
     return [
         "// Go back to the start.",
         f"void {name}_init({name}_state* state);",
@@ -167,10 +180,7 @@ def _functions(unit: Unit) -> list[str]:
         f"void {name}_command({name}_state* state, const float outputs[{name}_noutput], "
         f"float command[{name}_noutput]);",
         "",
-        "// Check this build on this machine against the recorded answers of the reference. Returns 0: the same bits;",
-        "// n > 0: step n of the recording differs; -1: subnormals are flushed to zero; -2: products are fused with",
-        "// sums; -3: rounding is not to nearest even; -4: the clamp is wrong; -5: a copied function is wrong;",
-        "// -6: the command is wrong; -7: a closed loop, whose inputs follow its commands, goes another way.",
+        *(hashed if short else recorded),
         f"int32_t {name}_selftest(void);",
         "",
     ]

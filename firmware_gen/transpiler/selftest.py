@@ -29,7 +29,7 @@ def selftest_lines(unit: Unit, vectors: Vectors) -> list[str]:
         *_table(unit, "recorded_values", "outputs that try the output stage", vectors.values),
         *_table(unit, "recorded_commands", "the reference's commands for them", vectors.commands),
         *_table(unit, "recorded_loop", "the reference's outputs in a closed loop", vectors.loop),
-        *_arithmetic(unit),
+        *arithmetic_lines(unit),
         *function_check_lines(unit),
         *_clamp_check(unit),
         *_command_check(unit, vectors),
@@ -56,7 +56,15 @@ def _table(unit: Unit, table: str, comment: str, bits: npt.NDArray[np.uint32]) -
     ]
 
 
-def _arithmetic(unit: Unit) -> list[str]:
+def arithmetic_lines(unit: Unit) -> list[str]:
+    """Write the functions that compare bits and try subnormals, rounding and contraction.
+
+    Args:
+        unit: the controller and its names
+
+    Returns:
+        lines of C
+    """
     name = unit.name
     return [
         f"static float {name}_float(uint32_t bits) {{",

@@ -10,6 +10,7 @@ from firmware_gen.transpiler.command import clamp_lines, command_lines, init_lin
 from firmware_gen.transpiler.header import input_dimension, opening_comment
 from firmware_gen.transpiler.names import comment_text, mangle
 from firmware_gen.transpiler.selftest import selftest_lines
+from firmware_gen.transpiler.short_selftest import short_selftest_lines
 from firmware_gen.transpiler.unit import GENERATOR_VERSION, Unit, operands_of, register_texts
 from firmware_gen.transpiler.vectors import selftest_vectors
 
@@ -33,11 +34,12 @@ _ARITHMETIC: Final = """\
 """
 
 
-def source_text(unit: Unit) -> str:
+def source_text(unit: Unit, short: bool = False) -> str:
     """Write the source file.
 
     Args:
         unit: the controller and its names
+        short: whether the selftest compares a hash of the answers, as an image's, not a recorded run
 
     Returns:
         the whole file
@@ -56,7 +58,8 @@ def source_text(unit: Unit) -> str:
     ]
     parts += [function.text for function in unit.functions]
     parts += [*init_lines(unit), *_step(unit), *clamp_lines(unit), *command_lines(unit)]
-    parts += [*selftest_lines(unit, selftest_vectors(unit.controller)), ""]
+    parts += short_selftest_lines(unit) if short else selftest_lines(unit, selftest_vectors(unit.controller))
+    parts.append("")
     return "\n".join(parts)
 
 
