@@ -43,6 +43,20 @@ def test_faults_time_and_state():
     assert [servo["supply_v"] for servo in state["servos"]] == [RIG.supply_v] * JOINTS
 
 
+def test_what_has_fallen_is_set_upright_again():
+    rig = VirtualRig(RIG, start="limp")
+    rig.advance(3.0)
+    limp = rig.truth()
+    assert max(abs(limp.joint_rad)) > 0.5, "nobody holds its arms"
+    ask(rig, upright=None)
+    rig.advance(4.0)
+    stands = VirtualRig(RIG)
+    stands.advance(1.0)
+    assert rig.truth().base_pos == pytest.approx(stands.truth().base_pos, abs=2e-3)
+    assert rig.truth().base_rpy == pytest.approx(stands.truth().base_rpy, abs=0.02)
+    assert rig.truth().joint_rad == pytest.approx(stands.truth().joint_rad, abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
@@ -50,9 +64,9 @@ def test_faults_time_and_state():
         (b"nonsense", "is no JSON"),
         (b"\xff\x00", "is no JSON"),
         (b"[" * 100000, "is no JSON"),
-        (b"[]", "has other keys than faults, state, time"),
-        (b"{}", "has other keys than faults, state, time"),
-        (b'{"fault": []}', "has other keys than faults, state, time"),
+        (b"[]", "has other keys than faults, state, time, upright"),
+        (b"{}", "has other keys than faults, state, time, upright"),
+        (b'{"fault": []}', "has other keys than faults, state, time, upright"),
         (b'{"faults": "dead=2"}', "faults is not a list of texts"),
         (b'{"faults": [2]}', "faults is not a list of texts"),
         (b'{"faults": ["ded=2"]}', "did you mean 'dead'?"),

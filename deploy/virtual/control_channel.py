@@ -16,7 +16,7 @@ from controller.errors import InputError
 from deploy.virtual.faults import read_faults
 from deploy.virtual.rig import VirtualRig
 
-REQUESTS: Final = ("faults", "state", "time")
+REQUESTS: Final = ("faults", "state", "time", "upright")
 LINE_MAX: Final = 65536
 """Bytes of a request, at most."""
 
@@ -107,6 +107,8 @@ def answer_request(rig: VirtualRig, line: bytes) -> bytes:
         request = _request(line)
         if "faults" in request:
             rig.set_faults(read_faults(request["faults"]))
+        if "upright" in request:
+            rig.set_upright()
     except InputError as error:
         return json.dumps({"error": str(error)}).encode()
     answer: dict[str, Any] = {"time": rig.now, "faults": [fault.spec for fault in rig.faults]}

@@ -83,6 +83,7 @@ class Plant:
         self._data: Any = mujoco.MjData(self._model)
         self._layout = body_layout(self._model, rig)
         _copy_pose(settled, settled_data(settled, rig), self._model, self._data)
+        self._standing = np.array(self._data.qpos)
         plays = plays_of(rig, self._model, self._data)
         self._body = Mechanics(twin, self._model, self._data, self._layout, plays, self._open_circuit_v)
         self.shafts = tuple(
@@ -152,6 +153,15 @@ class Plant:
         # friction is soft by nature: what is jammed creeps as little as the step allows
         self._model.dof_solref[dof] = (2e-9 * self.step_ns, 1.0) if stuck else self._free_solref[index]
         self._model.dof_solimp[dof, :2] = 0.9999 if stuck else self._free_solimp[index]
+
+    def set_upright(self) -> None:
+        """Put the body back where it stood, at rest, as a person would; joints without torque are held again."""
+        self._data.qpos[:] = self._standing
+        self._data.qvel[:] = 0.0
+        self._data.qacc_warmstart[:] = 0.0
+        for shaft in self.shafts:
+            shaft.hold()
+        mujoco.mj_forward(self._model, self._data)
 
     def measure(self, name: str) -> float:
         """Return what a sensor of a name measures now, SI.

@@ -194,6 +194,10 @@ class VirtualRig:
         """Return what the servos turn, in the rig's order: for judges only."""
         return self._plant.shafts
 
+    def set_upright(self) -> None:
+        """Put the body back where it stood at the start, at rest, as a person would."""
+        self._plant.set_upright()
+
     def set_faults(self, faults: Sequence[Fault]) -> None:
         """Replace what goes wrong from now on.
 

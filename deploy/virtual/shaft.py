@@ -139,6 +139,17 @@ class JointShaft:
 
     # what the plant does
 
+    def hold(self) -> None:
+        """Be held at neutral, as by hand, until the servo is switched on; one that is on already holds itself."""
+        if self._drive.on:
+            return
+        self._held = True
+        self._stepped = False
+        self._write(_HAND)
+        self._inputs[_VELOCITY] = self._inputs[_TORQUE] = 0.0
+        self._inputs[_ANGLE] = self._joint.neutral_rad
+        set_torque(self._body.model, self._actuator, True)
+
     def angle(self) -> float:
         """Return the angle of the encoder's shaft [rad]."""
         return float(self._qpos[0]) + (0.0 if self._play is None else float(self._play[0][0]))
