@@ -20,7 +20,7 @@ from deploy.firmware import qemu
 from deploy.firmware.bench import FirmwareBench
 from deploy.firmware.console_decoder import ConsoleDecoder
 from deploy.firmware.elf import read_symbols
-from deploy.firmware.gdb_stub import PC
+from deploy.firmware.gdb_stub import LR, PC
 from deploy.firmware.machine import Given
 from deploy.firmware.qemu import BOARDS, Qemu
 from deploy.firmware.records import Hello
@@ -75,7 +75,11 @@ def lamp():
 
 def run_to(machine, *names):
     """Let the image run freely, on its own clock and lines, to one of some functions; return the registers there."""
-    addresses = [machine.symbol(name).address for name in names]
+    return run_to_address(machine, *(machine.symbol(name).address for name in names))
+
+
+def run_to_address(machine, *addresses):
+    """Do the same, with addresses."""
     for address in addresses:
         machine.stub.add_breakpoint(address)
     while True:
@@ -201,7 +205,8 @@ def test_a_fault_loses_the_torque_and_starts_anew(machine, command):
 
 def test_the_lamp_says_hello_and_computes_the_reference_bits(lamp):
     """The controller's selftest passes on the M4F, with the FPU as start-up code leaves it; then comes the hello."""
-    assert run_to(lamp, "sv_robot_init")[2] == 0
+    back = run_to(lamp, "lamp_robust_selftest")[LR] & ~1
+    assert run_to_address(lamp, back)[0] == 0
     taken = lamp.resume(Given(0))
     told = list(ConsoleDecoder(shape_of(XC330.rig, XC330.controller)).feed(taken.console))
     hello = next(record for record in told if isinstance(record, Hello))

@@ -21,7 +21,9 @@ def cmake_text(board: Board, sources: Sequence[str]) -> str:
     """
     folder = "${CMAKE_CURRENT_SOURCE_DIR}"
     flags = (*ARITHMETIC, *WARNINGS, *board.flags)
-    links = [flag.replace("{board}", f"{folder}/board") for flag in (*board.flags, *board.link_flags)]
+    bare = "link.ld" in {path.name for path in board.files}
+    whole = (*ARITHMETIC, "-flto") if bare else ()
+    links = [flag.replace("{board}", f"{folder}/board") for flag in (*whole, *board.flags, *board.link_flags)]
     lines = [
         f"# Firmware for {board.name}, written by servolve firmware; do not edit.",
         "#",
@@ -43,7 +45,12 @@ def cmake_text(board: Board, sources: Sequence[str]) -> str:
     suffix = board.elf.removeprefix("firmware")
     if suffix:
         lines.append(f'set_target_properties(firmware PROPERTIES SUFFIX "{suffix}")')
-    if "link.ld" in {path.name for path in board.files}:
+    if bare:
+        shared = " ".join(source for source in sources if not source.startswith("board/"))
+        lines += [
+            "# optimised as one, but for the board's own files: the linker script and debuggers know their functions",
+            f"set_source_files_properties({shared} PROPERTIES COMPILE_OPTIONS -flto)",
+        ]
         lines.append(f"set_target_properties(firmware PROPERTIES LINK_DEPENDS {folder}/board/link.ld)")
     if board.flash:
         lines += [
