@@ -47,34 +47,34 @@ static int32_t sv_seal(const sv_rig* rig, uint8_t* frame, uint8_t id, uint8_t in
 
 // Send the parameters that end at `end`; return whether the packet went out.
 static int32_t sv_send(sv_bus* bus, uint8_t id, uint8_t instruction, int32_t end) {
-  bus->nframe = sv_seal(bus->rig, bus->frame, id, instruction, end);
+  bus->nframe = sv_seal(SV_RIG(bus), bus->frame, id, instruction, end);
   return bus->nframe > 0 && sv_bus_send(bus);
 }
 
 static int32_t sv_send_ping(sv_bus* bus, int32_t joint) {
-  return sv_send(bus, bus->rig->joints[joint].id, SV_PING2, sv_parameters(bus->rig));
+  return sv_send(bus, SV_RIG(bus)->joints[joint].id, SV_PING2, sv_parameters(SV_RIG(bus)));
 }
 
 static int32_t sv_send_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size) {
-  int32_t at = sv_put(bus->rig, bus->frame, sv_parameters(bus->rig), address);
-  at = sv_put(bus->rig, bus->frame, at, size);
-  return sv_send(bus, bus->rig->joints[joint].id, SV_READ2, at);
+  int32_t at = sv_put(SV_RIG(bus), bus->frame, sv_parameters(SV_RIG(bus)), address);
+  at = sv_put(SV_RIG(bus), bus->frame, at, size);
+  return sv_send(bus, SV_RIG(bus)->joints[joint].id, SV_READ2, at);
 }
 
 static int32_t sv_send_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
-  int32_t at = sv_put(bus->rig, bus->frame, sv_parameters(bus->rig), address);
+  int32_t at = sv_put(SV_RIG(bus), bus->frame, sv_parameters(SV_RIG(bus)), address);
   at = sv_put_bytes(bus->frame, at, data, size);
-  return sv_send(bus, bus->rig->joints[joint].id, SV_WRITE2, at);
+  return sv_send(bus, SV_RIG(bus)->joints[joint].id, SV_WRITE2, at);
 }
 
 static int32_t sv_send_sync_read(sv_bus* bus, const sv_asked* asked, int32_t address) {
-  int32_t at = sv_put(bus->rig, bus->frame, sv_parameters(bus->rig), address);
-  at = sv_put(bus->rig, bus->frame, at, asked->size);
+  int32_t at = sv_put(SV_RIG(bus), bus->frame, sv_parameters(SV_RIG(bus)), address);
+  at = sv_put(SV_RIG(bus), bus->frame, at, asked->size);
   for (int32_t i = 0; i < asked->n; i++) {
-    at = sv_put_bytes(bus->frame, at, &bus->rig->joints[asked->joints[i]].id, 1);
+    at = sv_put_bytes(bus->frame, at, &SV_RIG(bus)->joints[asked->joints[i]].id, 1);
   }
   return sv_send(bus, SV_PACKET2_BROADCAST,
-                 SV_FAST_SYNC_READ(bus->rig) && asked->fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at);
+                 SV_FAST_SYNC_READ(SV_RIG(bus)) && asked->fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at);
 }
 
 int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size, const uint8_t* data, uint8_t* frame) {
@@ -122,9 +122,9 @@ sv_reply sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model) {
   uint8_t data[SV_PONG_SIZE2] = {0};
   *model = 0;
   bus->echoed = 0;
-  const int32_t size = sv_is_dynamixel(bus->rig) ? SV_PONG_SIZE2 : 0;
+  const int32_t size = sv_is_dynamixel(SV_RIG(bus)) ? SV_PONG_SIZE2 : 0;
   sv_reply reply = sv_answer(bus, sv_send_ping(bus, joint), joint, size, size, data);
-  if (!sv_is_dynamixel(bus->rig) && (reply.status != SV_REPLY_MISSING || bus->echoed)) {
+  if (!sv_is_dynamixel(SV_RIG(bus)) && (reply.status != SV_REPLY_MISSING || bus->echoed)) {
     // the answer of a servo whose only error is its voltage equals the question: what it says next is no echo
     reply = sv_bus_read(bus, joint, SV_MODEL_ADDRESS1, SV_MODEL_SIZE1, data);
   }
@@ -148,12 +148,12 @@ sv_reply sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t
   return sv_answer(bus, sv_send_write(bus, joint, address, data, size), joint, 0, 0, &nothing);
 }
 
-static uint32_t sv_all(const sv_bus* bus) { return (1U << bus->rig->njoint) - 1U; }
+static uint32_t sv_all(const sv_bus* bus) { return (1U << SV_RIG(bus)->njoint) - 1U; }
 
 // Return which joints' replies are missing, a bit each.
 static uint32_t sv_missing(const sv_bus* bus, const sv_reply* replies) {
   uint32_t missing = 0;
-  for (int32_t joint = 0; joint < bus->rig->njoint; joint++) {
+  for (int32_t joint = 0; joint < SV_RIG(bus)->njoint; joint++) {
     missing |= replies[joint].status == SV_REPLY_MISSING ? 1U << joint : 0U;
   }
   return missing;
@@ -182,7 +182,7 @@ static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, 
                                  uint8_t* data) {
   sv_asked order = {{0}, 0, 0, 0, 0};
   for (uint32_t silent = 0; silent <= 1; silent++) {
-    for (int32_t joint = 0; joint < bus->rig->njoint; joint++) {
+    for (int32_t joint = 0; joint < SV_RIG(bus)->njoint; joint++) {
       if ((joints >> joint & 1U) != 0 && (bus->silent >> joint & 1U) == silent) {
         order.joints[order.n++] = (uint8_t)joint;
       }
@@ -207,7 +207,7 @@ static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, 
 
 // Ask for one packet of all: none comes where one servo is silent, so who is missing is asked in turn.
 static uint32_t sv_sync_read_fast(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
-  sv_asked all = {{0}, bus->rig->njoint, 0, 1, size + SV_EXTRA_MAX};
+  sv_asked all = {{0}, SV_RIG(bus)->njoint, 0, 1, size + SV_EXTRA_MAX};
   for (int32_t joint = 0; joint < all.n; joint++) {
     all.joints[joint] = (uint8_t)joint;
   }
@@ -220,7 +220,7 @@ static uint32_t sv_sync_read_fast(sv_bus* bus, int32_t address, int32_t size, sv
 
 void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
   uint32_t joints = sv_all(bus);
-  if (SV_FAST_SYNC_READ(bus->rig) && bus->whole) {
+  if (SV_FAST_SYNC_READ(SV_RIG(bus)) && bus->whole) {
     joints = sv_sync_read_fast(bus, address, size, replies, data);
   }
   if (joints != 0) {
@@ -232,7 +232,7 @@ void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* repl
 }
 
 void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t* data) {
-  bus->nframe = sv_bus_sync_write_frame(bus->rig, address, size, data, bus->frame);
+  bus->nframe = sv_bus_sync_write_frame(SV_RIG(bus), address, size, data, bus->frame);
   if (bus->nframe > 0) {
     sv_bus_send(bus);
   }

@@ -10,7 +10,7 @@
 
 // Return how long bytes are on the line [us], rounded up; 1e7 * nbyte / baud in 32 bits.
 static int32_t sv_line_us(const sv_bus* bus, int32_t nbyte) {
-  const uint32_t baud = (uint32_t)bus->rig->baud;
+  const uint32_t baud = (uint32_t)SV_RIG(bus)->baud;
   const uint32_t whole = SV_BITS_PER_BYTE * 1000000U / baud;
   const uint32_t part = SV_BITS_PER_BYTE * 1000000U % baud;
   uint32_t us = 0;
@@ -65,7 +65,7 @@ void sv_bus_expect(sv_bus* bus, int32_t nbyte, int32_t nreply) {
   const int32_t busy = now_us < bus->line_from_us + sv_line_us(bus, bus->line_nbyte);
   bus->deadline_us =
       busy ? bus->line_from_us + sv_line_us(bus, bus->line_nbyte + nbyte) : now_us + sv_line_us(bus, nbyte);
-  bus->deadline_us += nreply * bus->rig->return_delay_us + bus->patience_us;
+  bus->deadline_us += nreply * SV_RIG(bus)->return_delay_us + bus->patience_us;
 }
 
 int32_t sv_bus_take(sv_bus* bus) {

@@ -12,7 +12,7 @@
 #define SV_ID_MAX2 0xFC
 #define SV_ALERT2 0x80
 
-static int32_t sv_is_dynamixel(const sv_bus* bus) { return SV_PROTOCOL(bus->rig) == SV_DYNAMIXEL2; }
+static int32_t sv_is_dynamixel(const sv_bus* bus) { return SV_PROTOCOL(SV_RIG(bus)) == SV_DYNAMIXEL2; }
 
 sv_reply sv_bus_no_reply(sv_reply_status status) {
   const sv_reply reply = {(uint8_t)status, 0, 0, 0, 0, sv_hal_now_us()};
@@ -22,7 +22,7 @@ sv_reply sv_bus_no_reply(sv_reply_status status) {
 // Return the joint among those asked that has an id, -1: none.
 static int32_t sv_joint_of(const sv_bus* bus, const sv_asked* asked, uint8_t id) {
   for (int32_t i = 0; i < asked->n; i++) {
-    if (bus->rig->joints[asked->joints[i]].id == id) {
+    if (SV_RIG(bus)->joints[asked->joints[i]].id == id) {
       return asked->joints[i];
     }
   }
@@ -124,7 +124,7 @@ static uint32_t sv_collect(sv_bus* bus, const sv_asked* asked, int32_t wanted, s
   while ((answered >> last & 1U) == 0) {
     sv_scan scan;
     // an answer to a fast sync read that comes late is whole, and nobody's
-    const uint8_t id_max = SV_FAST_SYNC_READ(bus->rig) ? SV_PACKET2_BROADCAST : SV_ID_MAX2;
+    const uint8_t id_max = SV_FAST_SYNC_READ(SV_RIG(bus)) ? SV_PACKET2_BROADCAST : SV_ID_MAX2;
     const int32_t result = sv_next_packet(bus, id_max, &scan);
     if (result == SV_SCAN_SHORT) {
       break;
@@ -178,7 +178,7 @@ static uint32_t sv_take_parts(sv_bus* bus, const sv_asked* asked, int32_t wanted
     const uint16_t said = (uint16_t)(bus->received[end] | bus->received[end + 1] << 8);
     const int32_t joint = asked->joints[i];
     const int32_t place = joint - asked->first;
-    if (sv_packet2_crc(crc, part, end - begin) != said || status.id != bus->rig->joints[joint].id) {
+    if (sv_packet2_crc(crc, part, end - begin) != said || status.id != SV_RIG(bus)->joints[joint].id) {
       *corrupt = 1;
     } else if (sv_judge(bus, &status, asked->size, &replies[place])) {
       answered |= 1U << joint;
@@ -220,7 +220,7 @@ int32_t sv_bus_fast_size(const sv_asked* asked) {
 
 void sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t wanted, sv_reply* replies, uint8_t* data) {
   const int32_t around = sv_is_dynamixel(bus) ? SV_PACKET2_STATUS + SV_STUFFING : SV_PACKET1_STATUS;
-  const int32_t fast = SV_FAST_SYNC_READ(bus->rig) && asked->fast;
+  const int32_t fast = SV_FAST_SYNC_READ(SV_RIG(bus)) && asked->fast;
   const int32_t nbyte = fast ? sv_bus_fast_size(asked) : asked->n * (around + asked->size);
   sv_bus_expect(bus, nbyte, asked->n);
   bus->echoed = 0;

@@ -65,7 +65,7 @@ static int32_t sv_is_there(sv_robot* robot, sv_findings* findings, int32_t joint
     sv_find(robot, findings, SV_FINDING_CORRUPT, joint, 0, 0, 0, 0);
     return 0;
   }
-  const uint16_t wanted = robot->rig->joints[joint].model;
+  const uint16_t wanted = SV_RIG(robot)->joints[joint].model;
   if (model != wanted) {
     sv_find(robot, findings, SV_FINDING_MODEL, joint, 0, model, wanted, wanted);
   }
@@ -82,12 +82,12 @@ static int32_t sv_waited_us(const sv_rig* rig, const sv_reply* reply, int64_t as
 // Read the tables of one servo; return whether that went well.
 static int32_t sv_read_tables(sv_robot* robot, sv_findings* findings, int32_t joint, sv_tables* tables) {
   for (int32_t n = 0; n < 2; n++) {
-    const sv_block* block = robot->rig->joints[joint].tables + n;
+    const sv_block* block = SV_RIG(robot)->joints[joint].tables + n;
     const int64_t asked_us = sv_hal_now_us();
     sv_hal_feed_watchdog();
     sv_reply reply = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
     if (reply.status == SV_REPLY_DATA) {
-      const int32_t waited_us = sv_waited_us(robot->rig, &reply, asked_us, block->size);
+      const int32_t waited_us = sv_waited_us(SV_RIG(robot), &reply, asked_us, block->size);
       findings->waited_us = waited_us < findings->waited_us ? waited_us : findings->waited_us;
     }
     for (int32_t i = 1; i < SV_ATTEMPTS && reply.status != SV_REPLY_DATA; i++) {
@@ -116,7 +116,7 @@ static int32_t sv_held(const sv_joint* joint, const sv_tables* tables, const sv_
 
 // Compare one servo's registers with their rows.
 static void sv_compare(sv_robot* robot, sv_findings* findings, int32_t number, const sv_tables* tables) {
-  const sv_joint* joint = robot->rig->joints + number;
+  const sv_joint* joint = SV_RIG(robot)->joints + number;
   for (int32_t i = 0; i < joint->ncheck; i++) {
     const sv_check* check = joint->checks + i;
     const int32_t held = sv_held(joint, tables, &check->reg);
@@ -136,8 +136,8 @@ static void sv_compare(sv_robot* robot, sv_findings* findings, int32_t number, c
 
 // Tell of servos that nothing stops if this board dies.
 static void sv_check_watchdogs(sv_robot* robot) {
-  for (int32_t i = 0; i < robot->rig->njoint; i++) {
-    if (robot->rig->joints[i].watchdog.size == 0) {
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
+    if (SV_RIG(robot)->joints[i].watchdog.size == 0) {
       sv_log_finding(robot, SV_WARNING, SV_FINDING_WATCHDOG, i, 0, 0, 0, 0);
       return;
     }
@@ -146,7 +146,7 @@ static void sv_check_watchdogs(sv_robot* robot) {
 
 static void sv_check_servos(sv_robot* robot, sv_findings* findings) {
   sv_tables tables;
-  for (int32_t i = 0; i < robot->rig->njoint; i++) {
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
     if (sv_is_there(robot, findings, i) && sv_read_tables(robot, findings, i, &tables)) {
       sv_compare(robot, findings, i, &tables);
     }
@@ -159,7 +159,7 @@ static void sv_check_servos(sv_robot* robot, sv_findings* findings) {
 
 // Listen for a while, then compare what the sensor node has sent with what the rig promises.
 static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < SV_LISTEN_STEPS && rig->nsensor > 0; i++) {
     sv_wait_until(robot, sv_hal_now_us() + SV_LISTEN_STEP_US);
     sv_read_sensors(robot);
@@ -181,8 +181,8 @@ static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
 
 // Object to a derated run of servos that have no torque ceiling to lower.
 static void sv_check_derating(sv_robot* robot, sv_findings* findings) {
-  for (int32_t i = 0; i < robot->rig->njoint && robot->wish.derate < 1.0F; i++) {
-    if (robot->rig->joints[i].ceiling.size == 0) {
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint && robot->wish.derate < 1.0F; i++) {
+    if (SV_RIG(robot)->joints[i].ceiling.size == 0) {
       sv_find(robot, findings, SV_FINDING_DERATE, i, 0, 0, 0, 0);
       return;
     }

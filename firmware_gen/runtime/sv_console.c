@@ -109,7 +109,7 @@ static int32_t sv_set_seconds(sv_robot* robot, const char* text) {
     return 0;
   }
   const uint32_t us = decimal.mantissa * sv_ten(SV_MICRO_PLACES - decimal.places);
-  const uint32_t period_us = (uint32_t)robot->rig->period_us;
+  const uint32_t period_us = (uint32_t)SV_RIG(robot)->period_us;
   const uint32_t periods = us / period_us;
   const uint32_t twice = 2U * (us % period_us);
   robot->wish.periods = (int32_t)(periods + (twice > period_us || (twice == period_us && periods % 2U != 0U)));

@@ -19,12 +19,12 @@ static int32_t sv_ask(sv_robot* robot, int32_t joint, const sv_register* reg, in
 // Look into what servos report. A byte may have been damaged, so what is wrong is asked again; an alert that is not
 // answered for comes again with the next reply.
 static int32_t sv_alerts(sv_robot* robot) {
-  for (int32_t i = 0; i < robot->rig->njoint; i++) {
-    const sv_joint* joint = robot->rig->joints + i;
-    if (sv_judge_alert(robot->rig, &robot->watch, i, robot->replies + i)) {
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
+    const sv_joint* joint = SV_RIG(robot)->joints + i;
+    if (sv_judge_alert(SV_RIG(robot), &robot->watch, i, robot->replies + i)) {
       const int32_t status = sv_ask(robot, i, &joint->hardware_error, SV_ATTEMPTS, 0);
       const int32_t shutdown = sv_ask(robot, i, &joint->shutdown, 1, -1);
-      if (sv_judge_hardware_error(robot->rig, &robot->watch, i, status, shutdown)) {
+      if (sv_judge_hardware_error(SV_RIG(robot), &robot->watch, i, status, shutdown)) {
         return 1;
       }
     }
@@ -34,7 +34,7 @@ static int32_t sv_alerts(sv_robot* robot) {
 
 // Judge whether joints do what they are told; nobody knows where one is that has never answered.
 static int32_t sv_tracking(sv_robot* robot) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < rig->njoint; i++) {
     if (robot->answered_us[i] < 0) {
       return 0;
@@ -47,13 +47,13 @@ static int32_t sv_tracking(sv_robot* robot) {
 }
 
 static float sv_sensor_value(const sv_robot* robot, int32_t sensor) {
-  const sv_sensor* line = robot->rig->sensors + sensor;
-  return (float)(robot->raw[3 * robot->rig->njoint + sensor] - line->zero) * line->scale;
+  const sv_sensor* line = SV_RIG(robot)->sensors + sensor;
+  return (float)(robot->raw[3 * SV_RIG(robot)->njoint + sensor] - line->zero) * line->scale;
 }
 
 // Judge how the base stands; an old pose says nothing about now.
 static int32_t sv_tilt(sv_robot* robot, const int32_t* ages_us) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   const int32_t places[2] = {rig->roll, rig->pitch};
   for (int32_t i = 0; i < 2; i++) {
     if (places[i] < 0 || ages_us[places[i]] < 0 || ages_us[places[i]] > rig->sensors[places[i]].age_us_max) {
@@ -64,7 +64,7 @@ static int32_t sv_tilt(sv_robot* robot, const int32_t* ages_us) {
 }
 
 int32_t sv_judge_period(sv_robot* robot) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   sv_watch* watch = &robot->watch;
   int32_t ages_us[SV_SENSOR_MAX];
   for (int32_t i = 0; i < rig->nsensor; i++) {
@@ -77,9 +77,9 @@ int32_t sv_judge_period(sv_robot* robot) {
 
 int32_t sv_stalled(sv_robot* robot, int64_t now_us) {
   const int64_t silent_us = now_us - robot->ended_us;
-  const int32_t watchdog_us = robot->rig->safety.watchdog_us;
-  for (int32_t i = 0; i < robot->rig->njoint && watchdog_us > 0 && silent_us > watchdog_us; i++) {
-    const sv_register* watchdog = &robot->rig->joints[i].watchdog;
+  const int32_t watchdog_us = SV_RIG(robot)->safety.watchdog_us;
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint && watchdog_us > 0 && silent_us > watchdog_us; i++) {
+    const sv_register* watchdog = &SV_RIG(robot)->joints[i].watchdog;
     if (watchdog->size > 0 && sv_ask(robot, i, watchdog, SV_ATTEMPTS, 0) == SV_TRIPPED) {
       return sv_because(&robot->watch, SV_REASON_WATCHDOG, SV_NOBODY, sv_clip_us(silent_us), 0);
     }
@@ -89,7 +89,7 @@ int32_t sv_stalled(sv_robot* robot, int64_t now_us) {
 
 int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* block) {
   uint8_t data[SV_HEALTH_BYTES_MAX];
-  const sv_joint* joint = robot->rig->joints + number;
+  const sv_joint* joint = SV_RIG(robot)->joints + number;
   int32_t count = 0;
   int32_t temperature = 0;
   if (sv_bus_read(&robot->bus, number, block->address, block->size, data).status != SV_REPLY_DATA) {
@@ -97,9 +97,9 @@ int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* bl
   }
   sv_log_block(robot, SV_RECORD_HEALTH, number, block, data);
   // elsewhere each reply tells a hardware error, and it comes and goes with its cause
-  if (SV_PROTOCOL(robot->rig) == SV_DYNAMIXEL2 && sv_in_block(block, data, &joint->hardware_error, &count) &&
+  if (SV_PROTOCOL(SV_RIG(robot)) == SV_DYNAMIXEL2 && sv_in_block(block, data, &joint->hardware_error, &count) &&
       count != 0) {
-    return sv_judge_hardware_error(robot->rig, &robot->watch, number, count,
+    return sv_judge_hardware_error(SV_RIG(robot), &robot->watch, number, count,
                                    sv_ask(robot, number, &joint->shutdown, 1, -1));
   }
   if (sv_in_block(block, data, &joint->torque, &count) && sv_judge_torque(&robot->watch, number, count)) {
@@ -107,5 +107,5 @@ int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* bl
   }
   return sv_in_block(block, data, &joint->voltage, &count) &&
          sv_in_block(block, data, &joint->temperature, &temperature) &&
-         sv_judge_health(robot->rig, &robot->watch, number, count, temperature);
+         sv_judge_health(SV_RIG(robot), &robot->watch, number, count, temperature);
 }

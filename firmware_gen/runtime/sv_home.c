@@ -11,7 +11,7 @@ static const float kMicro = 1.0e-6F;
 
 // Return in how many periods at the least the rig is in neutral; a speed has its own end.
 static int32_t sv_plan(sv_robot* robot) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   int32_t nmove = SV_VELOCITY_MODE(rig) ? 1 : 0;
   for (int32_t i = 0; i < rig->njoint && !SV_VELOCITY_MODE(rig); i++) {
     const sv_axis axis = sv_axis_of(rig->joints + i);
@@ -24,7 +24,7 @@ static int32_t sv_plan(sv_robot* robot) {
 }
 
 void sv_home_goals(const sv_robot* robot, int32_t k, int32_t* goals) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < rig->njoint; i++) {
     if (SV_VELOCITY_MODE(rig)) {
       const sv_axis axis = sv_axis_of(rig->joints + i);
@@ -36,7 +36,7 @@ void sv_home_goals(const sv_robot* robot, int32_t k, int32_t* goals) {
 }
 
 static int32_t sv_at_rest(const sv_robot* robot) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < rig->njoint; i++) {
     const sv_joint* joint = rig->joints + i;
     const int32_t speed = robot->raw[rig->njoint + i];
@@ -56,7 +56,7 @@ int32_t sv_home(sv_robot* robot) {
   robot->nmove = sv_plan(robot);
   robot->begin_us = sv_hal_now_us();
   robot->ended_us = robot->begin_us;
-  for (int32_t k = 0; k < robot->nmove + robot->rig->homing_periods_max; k++) {
+  for (int32_t k = 0; k < robot->nmove + SV_RIG(robot)->homing_periods_max; k++) {
     if (sv_walk(robot, k) || sv_heed_stop(robot)) {
       return 1;
     }

@@ -7,8 +7,8 @@
 #define SV_CHUNKS_MAX 2048     // reads of the sensor line in one go: no babbling line holds it up
 
 void sv_forget(sv_robot* robot) {
-  sv_bus_init(&robot->bus, robot->rig);
-  sv_lines_init(&robot->lines, robot->rig);
+  sv_bus_init(&robot->bus, SV_RIG(robot));
+  sv_lines_init(&robot->lines, SV_RIG(robot));
   sv_watch_init(&robot->watch);
   for (int32_t i = 0; i < SV_RAW_MAX; i++) {
     robot->raw[i] = 0;
@@ -28,7 +28,7 @@ static void sv_take_lines(sv_robot* robot, int32_t keep) {
       return;
     }
     if (keep) {
-      sv_lines_feed(&robot->lines, robot->rig, bytes, n, now_us);
+      sv_lines_feed(&robot->lines, SV_RIG(robot), bytes, n, now_us);
     }
   }
 }
@@ -37,15 +37,15 @@ void sv_drop_sensors(sv_robot* robot) { sv_take_lines(robot, 0); }
 
 void sv_read_sensors(sv_robot* robot) {
   sv_take_lines(robot, 1);
-  for (int32_t i = 0; i < robot->rig->nsensor; i++) {
-    (void)sv_lines_raw(&robot->lines, i, robot->raw + 3 * robot->rig->njoint + i);
+  for (int32_t i = 0; i < SV_RIG(robot)->nsensor; i++) {
+    (void)sv_lines_raw(&robot->lines, i, robot->raw + 3 * SV_RIG(robot)->njoint + i);
   }
 }
 
 int32_t sv_sensors_fresh(const sv_robot* robot) {
   const int64_t now_us = sv_hal_now_us();
-  for (int32_t i = 0; i < robot->rig->nsensor; i++) {
-    const sv_sensor* sensor = robot->rig->sensors + i;
+  for (int32_t i = 0; i < SV_RIG(robot)->nsensor; i++) {
+    const sv_sensor* sensor = SV_RIG(robot)->sensors + i;
     const int64_t age_us = sv_lines_age_us(&robot->lines, i, now_us);
     if (sensor->needed && (age_us < 0 || age_us > sensor->age_us_max)) {
       return 0;
@@ -65,13 +65,13 @@ int32_t sv_in_block(const sv_block* block, const uint8_t* data, const sv_registe
 
 void sv_read_servos(sv_robot* robot, const sv_block* block) {
   uint8_t data[SV_JOINT_MAX * SV_STATE_BYTES_MAX];
-  const int32_t njoint = robot->rig->njoint;
+  const int32_t njoint = SV_RIG(robot)->njoint;
   sv_bus_sync_read(&robot->bus, block->address, block->size, robot->replies, data);
   for (int32_t i = 0; i < njoint; i++) {
     if (robot->replies[i].status != SV_REPLY_DATA) {
       continue;
     }
-    const sv_joint* joint = robot->rig->joints + i;
+    const sv_joint* joint = SV_RIG(robot)->joints + i;
     const uint8_t* from = data + i * block->size;
     robot->answered_us[i] = robot->replies[i].t_us;
     (void)sv_in_block(block, from, &joint->position, robot->raw + i);
@@ -87,7 +87,7 @@ static int64_t sv_joint_age_us(const sv_robot* robot, int32_t joint) {
 
 void sv_write_goals(sv_robot* robot, const sv_block* block, const int32_t* goals) {
   uint8_t data[SV_JOINT_MAX * 4];
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < rig->njoint; i++) {
     robot->goals[i] = goals[i];
     if (SV_VELOCITY_MODE(rig)) {

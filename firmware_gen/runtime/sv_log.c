@@ -30,7 +30,7 @@ void sv_log_hello(sv_robot* robot) {
   sv_record record;
   sv_record_begin(&record, SV_RECORD_HELLO);
   sv_record_u8(&record, SV_RECORD_FORMAT);
-  sv_record_u32(&record, robot->rig->fingerprint);
+  sv_record_u32(&record, SV_RIG(robot)->fingerprint);
   sv_record_u32(&record, robot->program);
   sv_record_u8(&record, (uint32_t)sv_hal_reset_cause());
   sv_send(robot, &record);
@@ -72,7 +72,7 @@ void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joi
 
 void sv_log_cycle(sv_robot* robot, int32_t k) {
   const sv_period* done = &robot->done;
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   const sv_program* program = rig->cycle->program;
   uint32_t missed = 0;
   for (int32_t i = 0; i < rig->njoint; i++) {

@@ -37,7 +37,7 @@ int32_t sv_end(sv_robot* robot, int32_t reason) { return sv_because(&robot->watc
 
 // Take a last look at limits and rate, which those who aim should have kept.
 static int32_t sv_refuse(sv_robot* robot, const int32_t* goals) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   const float homing = SV_VELOCITY_MODE(rig) ? 0.0F : rig->safety.homing_rad_s;
   const float rate = robot->state == SV_STATE_RUNNING ? rig->slew_rad_s : homing;
   for (int32_t i = 0; i < rig->njoint; i++) {
@@ -62,7 +62,7 @@ static int32_t sv_refuse(sv_robot* robot, const int32_t* goals) {
 
 // A period that is more than one period late makes all later ones late by whole periods: no catching up.
 static void sv_await_period(sv_robot* robot) {
-  const int32_t period_us = robot->rig->period_us;
+  const int32_t period_us = SV_RIG(robot)->period_us;
   robot->begin_us += period_us;
   const int64_t now_us = sv_hal_now_us();
   if (now_us - robot->begin_us > period_us) {
@@ -77,7 +77,7 @@ static void sv_aim(sv_robot* robot, int32_t k, int32_t* goals) {
     sv_home_goals(robot, k, goals);
     return;
   }
-  sv_cycle_step(robot->rig->cycle, &robot->wish.goal, &robot->cycle, robot->registers, robot->memory, robot->raw,
+  sv_cycle_step(SV_RIG(robot)->cycle, &robot->wish.goal, &robot->cycle, robot->registers, robot->memory, robot->raw,
                 robot->terminals, robot->outputs, goals);
 }
 
@@ -112,11 +112,11 @@ int32_t sv_walk(sv_robot* robot, int32_t k) {
   sv_await_period(robot);
   done->started_us = sv_hal_now_us();
   int32_t faulty = sv_stalled(robot, done->started_us);
-  const int32_t ndue = sv_schedule_period(&robot->rig->schedule, k, due);
+  const int32_t ndue = sv_schedule_period(&SV_RIG(robot)->schedule, k, due);
   for (int32_t i = 0; i < ndue; i++) {
     faulty = sv_do(robot, k, due + i, faulty) || faulty;
   }
   robot->ended_us = sv_hal_now_us();
-  done->overran = robot->ended_us > robot->begin_us + robot->rig->period_us;
-  return faulty || sv_judge_timing(robot->rig, &robot->watch, done->overran);
+  done->overran = robot->ended_us > robot->begin_us + SV_RIG(robot)->period_us;
+  return faulty || sv_judge_timing(SV_RIG(robot), &robot->watch, done->overran);
 }

@@ -10,6 +10,7 @@
 #define SV_FRAME_MAX 256   // bytes of the longest packet, stuffing included
 
 // what a project knows of its rig costs no code for the other cases
+#define SV_RIG(holder) ((holder)->rig)
 #define SV_PROTOCOL(rig) ((rig)->protocol)
 #define SV_VELOCITY_MODE(rig) ((rig)->velocity_mode)
 #define SV_FAST_SYNC_READ(rig) ((rig)->fast_sync_read)

@@ -39,9 +39,9 @@ static int32_t sv_arm(sv_robot* robot) {
 
 // Step the controller until the time is over.
 static void sv_control(sv_robot* robot) {
-  sv_cycle_reset(robot->rig->cycle, &robot->cycle, robot->registers, robot->memory);
+  sv_cycle_reset(SV_RIG(robot)->cycle, &robot->cycle, robot->registers, robot->memory);
   // the cycle's slew starts at rest, at whatever speed homing ended
-  for (int32_t i = 0; i < robot->rig->njoint && SV_VELOCITY_MODE(robot->rig); i++) {
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint && SV_VELOCITY_MODE(SV_RIG(robot)); i++) {
     robot->goals[i] = 0;
   }
   sv_enter(robot, SV_STATE_RUNNING, SV_REASON_RESTED);
@@ -50,7 +50,7 @@ static void sv_control(sv_robot* robot) {
     sv_log_cycle(robot, k);
     robot->counts.cycles = k + 1;
     robot->counts.missed_deadlines += robot->done.overran;
-    for (int32_t i = 0; i < robot->rig->njoint; i++) {
+    for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
       robot->counts.missed_replies += robot->replies[i].status != SV_REPLY_DATA;
     }
     if (faulty || sv_heed_stop(robot)) {
@@ -58,7 +58,7 @@ static void sv_control(sv_robot* robot) {
     }
   }
   // the end of the last period
-  sv_wait_until(robot, robot->begin_us + robot->rig->period_us);
+  sv_wait_until(robot, robot->begin_us + SV_RIG(robot)->period_us);
   sv_read_sensors(robot);
   (void)sv_end(robot, SV_REASON_TIME);
 }
@@ -88,7 +88,7 @@ static int32_t sv_go(sv_robot* robot) {
 
 // Take torque from every servo, or hand it over to hold after a run that was done; return who is unsure.
 static uint32_t sv_unload(sv_robot* robot) {
-  if (robot->watch.why.reason == SV_REASON_TIME && robot->rig->safety.stop_holds && !sv_hold(robot)) {
+  if (robot->watch.why.reason == SV_REASON_TIME && SV_RIG(robot)->safety.stop_holds && !sv_hold(robot)) {
     sv_log_event(robot, SV_EVENT_HELD, 0);
     return 0;
   }

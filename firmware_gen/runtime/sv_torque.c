@@ -32,8 +32,8 @@ static int32_t sv_set(sv_robot* robot, int32_t joint, const sv_register* reg, in
 }
 
 int32_t sv_write_settings(sv_robot* robot) {
-  for (int32_t i = 0; i < robot->rig->njoint; i++) {
-    const sv_joint* joint = robot->rig->joints + i;
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
+    const sv_joint* joint = SV_RIG(robot)->joints + i;
     for (int32_t n = 0; n < joint->nsetting; n++) {
       if (sv_set(robot, i, &joint->settings[n].reg, joint->settings[n].value)) {
         return 1;
@@ -48,10 +48,10 @@ int32_t sv_write_settings(sv_robot* robot) {
 }
 
 int32_t sv_seed_goals(sv_robot* robot) {
-  for (int32_t i = 0; i < robot->rig->njoint; i++) {
-    const sv_joint* joint = robot->rig->joints + i;
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
+    const sv_joint* joint = SV_RIG(robot)->joints + i;
     int32_t goal = 0;
-    if (!SV_VELOCITY_MODE(robot->rig) && sv_get(robot, i, &joint->position, &goal)) {
+    if (!SV_VELOCITY_MODE(SV_RIG(robot)) && sv_get(robot, i, &joint->position, &goal)) {
       return 1;
     }
     // of a velocity, both are 0
@@ -66,7 +66,7 @@ int32_t sv_seed_goals(sv_robot* robot) {
 }
 
 int32_t sv_torque_on(sv_robot* robot) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < rig->njoint; i++) {
     if (sv_set(robot, i, &rig->joints[i].torque, 1)) {
       return 1;
@@ -105,12 +105,12 @@ static int32_t sv_clear(sv_robot* robot, int32_t joint, const sv_register* reg) 
 
 // Switch one servo's torque and watchdog off and let its velocity be 0; return whether it reads so.
 static int32_t sv_switch_off(sv_robot* robot, int32_t number) {
-  const sv_joint* joint = robot->rig->joints + number;
+  const sv_joint* joint = SV_RIG(robot)->joints + number;
   if (!sv_clear(robot, number, &joint->torque) ||
       (joint->watchdog.size > 0 && !sv_clear(robot, number, &joint->watchdog))) {
     return 0;
   }
-  if (!SV_VELOCITY_MODE(robot->rig)) {
+  if (!SV_VELOCITY_MODE(SV_RIG(robot))) {
     return 1;
   }
   // a goal may have switched it on
@@ -118,7 +118,7 @@ static int32_t sv_switch_off(sv_robot* robot, int32_t number) {
 }
 
 uint32_t sv_release(sv_robot* robot) {
-  const sv_rig* rig = robot->rig;
+  const sv_rig* rig = SV_RIG(robot);
   const int64_t until_us = sv_hal_now_us() + SV_RELEASE_US_MAX;
   const int64_t usual_us = robot->bus.patience_us;
   uint32_t left = (1U << rig->njoint) - 1U;
@@ -143,10 +143,10 @@ uint32_t sv_release(sv_robot* robot) {
 }
 
 int32_t sv_hold(sv_robot* robot) {
-  for (int32_t i = 0; i < robot->rig->njoint; i++) {
-    const sv_joint* joint = robot->rig->joints + i;
+  for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
+    const sv_joint* joint = SV_RIG(robot)->joints + i;
     int32_t torque = 0;
-    if ((SV_VELOCITY_MODE(robot->rig) && sv_set(robot, i, &joint->goal, 0)) ||
+    if ((SV_VELOCITY_MODE(SV_RIG(robot)) && sv_set(robot, i, &joint->goal, 0)) ||
         (joint->watchdog.size > 0 && sv_set(robot, i, &joint->watchdog, 0)) ||
         sv_get(robot, i, &joint->torque, &torque) || sv_judge_torque(&robot->watch, i, torque == 1)) {
       return 1;
