@@ -164,6 +164,12 @@ static int32_t sv_command_always(sv_robot* robot, const char* line) {
   return sv_behind(line, "status") ? sv_print_status(robot) : 0;
 }
 
+// A stop that comes from now on is one of the run.
+static void sv_wish_start(sv_robot* robot) {
+  robot->wish.start = 1;
+  robot->wish.stop = SV_REASON_NONE;
+}
+
 // Carry out a command between runs; return 0 if there is no such.
 static int32_t sv_command(sv_robot* robot, const char* line) {
   const char* rest = sv_behind(line, "goal");
@@ -182,8 +188,11 @@ static int32_t sv_command(sv_robot* robot, const char* line) {
     robot->wish.arm = line[0] == 'a';
     return 1;
   }
-  robot->wish.start = (uint8_t)sv_is(line, "start");
-  return robot->wish.start;
+  if (!sv_is(line, "start")) {
+    return 0;
+  }
+  sv_wish_start(robot);
+  return 1;
 }
 
 static void sv_obey(sv_robot* robot, const char* line) {
@@ -229,7 +238,7 @@ static void sv_look_at_inputs(sv_robot* robot) {
   // only a button that was seen open and is closed now was pressed
   if (pressed && !robot->pressed && !robot->wish.start) {
     robot->wish.arm = 1;
-    robot->wish.start = 1;
+    sv_wish_start(robot);
   }
   robot->pressed = pressed;
 }

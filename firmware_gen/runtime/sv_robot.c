@@ -86,15 +86,21 @@ static int32_t sv_go(sv_robot* robot) {
   return 1;
 }
 
+// Take torque from every servo; return who is unsure.
+static uint32_t sv_let_go(sv_robot* robot) {
+  const uint32_t unsure = sv_release(robot);
+  sv_log_event(robot, unsure != 0U ? SV_EVENT_UNSURE : SV_EVENT_RELEASED, (int32_t)unsure);
+  return unsure;
+}
+
 // Take torque from every servo, or hand it over to hold after a run that was done; return who is unsure.
 static uint32_t sv_unload(sv_robot* robot) {
   if (robot->watch.why.reason == SV_REASON_TIME && SV_RIG(robot)->safety.stop_holds && !sv_hold(robot)) {
     sv_log_event(robot, SV_EVENT_HELD, 0);
+    robot->holding = 1;
     return 0;
   }
-  const uint32_t unsure = sv_release(robot);
-  sv_log_event(robot, unsure != 0U ? SV_EVENT_UNSURE : SV_EVENT_RELEASED, (int32_t)unsure);
-  return unsure;
+  return sv_let_go(robot);
 }
 
 // End a run, or what a reset has left of one.
@@ -123,7 +129,6 @@ static void sv_leave(sv_robot* robot, int32_t touched) {
 static void sv_begin_run(sv_robot* robot) {
   const sv_counts none = {0, 0, 0, 0};
   robot->state = SV_STATE_OFF;
-  robot->wish.stop = SV_REASON_NONE;
   robot->counts = none;
   sv_forget(robot);
   sv_log_start(robot);
@@ -133,10 +138,16 @@ void sv_robot_poll(sv_robot* robot) {
   sv_hal_feed_watchdog();
   sv_console_listen(robot);
   if (!robot->wish.start) {
+    if (robot->holding && robot->wish.stop != SV_REASON_NONE) {
+      robot->holding = 0;
+      (void)sv_let_go(robot);
+    }
+    robot->wish.stop = SV_REASON_NONE;
     sv_drop_sensors(robot);
     sv_hal_wait(sv_hal_now_us() + SV_IDLE_US);
     return;
   }
+  robot->holding = 0;
   sv_begin_run(robot);
   sv_leave(robot, sv_go(robot));
   robot->wish.arm = 0;
@@ -158,6 +169,7 @@ void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_
   robot->memory = memory;
   robot->state = SV_STATE_OFF;
   robot->pressed = 1;
+  robot->holding = 0;
   robot->ncommand = 0;
   robot->wish = wish;
   robot->counts = none;

@@ -59,6 +59,7 @@ typedef struct {
   float* memory;
   uint8_t state;    // sv_state
   uint8_t pressed;  // whether the start input was active when last looked at
+  uint8_t holding;  // whether the last run has left torque on: a stop takes it
   uint8_t ncommand;
   char command[SV_COMMAND_MAX];
   sv_wish wish;

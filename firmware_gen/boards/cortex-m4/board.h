@@ -25,7 +25,7 @@ void board_fed(void);
 // Of startup.c: why board_die was called before this reset, sv_reset_cause; SV_RESET_POWER if it was not.
 int32_t board_died_of(void);
 
-// Enable external interrupt `number` with a priority; 0 is the highest.
-void board_enable_interrupt(int32_t number, uint32_t priority);
+// Enable external interrupt `number`.
+void board_enable_interrupt(int32_t number);
 
 #endif  // BOARD_H_

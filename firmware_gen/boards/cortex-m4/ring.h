@@ -29,12 +29,14 @@ static inline void ring_put(ring* r, uint8_t byte) {
     return;
   }
   r->bytes[r->written & r->mask] = byte;
+  __asm volatile("" ::: "memory");  // the byte is there before it counts
   r->written++;
 }
 
 // Take the oldest byte; there must be one.
 static inline uint8_t ring_take(ring* r) {
   const uint8_t byte = r->bytes[r->taken & r->mask];
+  __asm volatile("" ::: "memory");  // its place is free after it was read
   r->taken++;
   return byte;
 }

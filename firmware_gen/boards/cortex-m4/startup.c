@@ -20,6 +20,7 @@
 #define SYST_CVR REG(0xE000E018U)
 #define NVIC_ISER(n) REG(0xE000E100U + 4U * (n))
 #define NVIC_IPR(n) (*(volatile uint8_t*)(0xE000E400U + (n)))
+#define PRIORITY 0x40U  // of all lines, below the tick: at most one handler and the tick stand upon the main loop
 #define SCB_VTOR REG(0xE000ED08U)
 #define SCB_AIRCR REG(0xE000ED0CU)
 
@@ -159,9 +160,9 @@ void board_start_ticks(uint32_t core_hz) {
 
 void board_fed(void) { fed_ms = BOARD_FED_MS; }
 
-void board_enable_interrupt(int32_t number, uint32_t priority) {
+void board_enable_interrupt(int32_t number) {
   const uint32_t n = (uint32_t)number;
-  NVIC_IPR(n) = (uint8_t)(priority << 4);
+  NVIC_IPR(n) = PRIORITY;
   NVIC_ISER(n / 32U) = 1U << (n % 32U);
 }
 

@@ -74,10 +74,10 @@ void sv_hal_init(void) {
   start_line(UART0, servolve_rig.baud);
   start_line(UART1, SENSOR_BAUD);
   start_line(UART2, CONSOLE_BAUD);
-  board_enable_interrupt(0, 1U);
-  board_enable_interrupt(2, 2U);
-  board_enable_interrupt(4, 3U);
-  board_enable_interrupt(5, 3U);
+  board_enable_interrupt(0);
+  board_enable_interrupt(2);
+  board_enable_interrupt(4);
+  board_enable_interrupt(5);
   board_start_ticks(CORE_HZ);
 }
 
@@ -164,12 +164,13 @@ int32_t sv_hal_write(int32_t line, const uint8_t* data, int32_t size) {
   if (line != SV_LINE_CONSOLE) {
     return 0;
   }
+  // a line has room for one byte: handlers may not wait until a whole record is copied
   int32_t n = 0;
-  uint32_t mask;
-  __asm volatile("mrs %0, primask\ncpsid i" : "=r"(mask)::"memory");
   while (n < size && ring_space(&answers) != 0U) {
     ring_put(&answers, data[n++]);
   }
+  uint32_t mask;
+  __asm volatile("mrs %0, primask\ncpsid i" : "=r"(mask)::"memory");
   send_answers();
   __asm volatile("msr primask, %0" ::"r"(mask) : "memory");
   return n;

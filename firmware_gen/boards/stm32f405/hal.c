@@ -187,9 +187,9 @@ void sv_hal_init(void) {
   start_line(USART1, fast_mhz, servolve_rig.baud, BUS_WIRES == 1 ? CR3_HDSEL : 0U);
   start_line(USART3, slow_mhz, SENSOR_BAUD, 0U);
   start_line(USART6, fast_mhz, CONSOLE_BAUD, 0U);
-  board_enable_interrupt(37, 1U);
-  board_enable_interrupt(39, 2U);
-  board_enable_interrupt(71, 3U);
+  board_enable_interrupt(37);
+  board_enable_interrupt(39);
+  board_enable_interrupt(71);
   board_start_ticks((clock_mhz == 0 ? 168U : (uint32_t)clock_mhz) * 1000000U);
 }
 
@@ -272,12 +272,13 @@ int32_t sv_hal_write(int32_t line, const uint8_t* data, int32_t size) {
   if (line != SV_LINE_CONSOLE) {
     return 0;
   }
+  // a line has room for one byte: handlers may not wait until a whole record is copied
   int32_t n = 0;
-  uint32_t mask;
-  __asm volatile("mrs %0, primask\ncpsid i" : "=r"(mask)::"memory");
   while (n < size && ring_space(&answers) != 0U) {
     ring_put(&answers, data[n++]);
   }
+  uint32_t mask;
+  __asm volatile("mrs %0, primask\ncpsid i" : "=r"(mask)::"memory");
   send_answers();
   __asm volatile("msr primask, %0" ::"r"(mask) : "memory");
   return n;

@@ -1,0 +1,65 @@
+"""What stops firmware where the host loop, whose process has ended, has nothing to stop."""
+
+from dataclasses import replace
+
+import pytest
+from firmware_runs import XC330, Task, image
+
+from deploy.firmware.bench import FirmwareBench
+from deploy.firmware.twin import TwinProcess
+from deploy.virtual.rig import VirtualRig
+
+HOLDING = Task(
+    replace(XC330.rig, name="lamp-held", safety=replace(XC330.rig.safety, stop="hold")), XC330.controller, 0.4
+)
+
+
+@pytest.fixture(scope="module")
+def program():
+    return image(HOLDING, "host")
+
+
+class Session:
+    """Type at the native twin's console on a virtual rig, and see what the servos hold."""
+
+    def __init__(self, firmware):
+        self.virtual = VirtualRig(HOLDING.rig)
+        self.bench = FirmwareBench(self.virtual, firmware)
+        self.said = b""
+
+    def type(self, *lines, seconds):
+        for line in lines:
+            self.bench.say(line)
+        until = self.bench.now + seconds
+        while self.bench.now < until:
+            _, taken = self.bench.wake()
+            self.said += taken.console
+            self.bench.send(taken)
+            self.bench.wait(taken)
+
+    def torque(self):
+        return [servo.table["torque_enable"] for servo in self.virtual.servos]
+
+
+def test_a_stop_takes_the_torque_that_a_finished_run_has_left_on(program):
+    firmware = TwinProcess(program)
+    try:
+        session = Session(firmware)
+        session.type("seconds 0.5", "arm", "start", seconds=3.0)
+        assert b"ended by 5" in session.said, "the time was over"
+        assert session.torque() == [1, 1, 1]
+        session.type("stop", seconds=0.5)
+        assert session.torque() == [0, 0, 0]
+    finally:
+        firmware.close()
+
+
+def test_a_stop_that_comes_with_its_start_stops(program):
+    firmware = TwinProcess(program)
+    try:
+        session = Session(firmware)
+        session.type("arm", "start", "stop", seconds=3.0)
+        assert b"ended by 16" in session.said, "a person's wish"
+        assert session.torque() == [0, 0, 0]
+    finally:
+        firmware.close()
