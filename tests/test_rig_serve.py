@@ -187,7 +187,7 @@ def test_a_link_that_was_left_is_replaced_and_a_file_is_not(tmp_path, capsys):
         (["lamp-xc33"], "there is no rig 'lamp-xc33'; did you mean 'lamp-xc330'?"),
         (["lamp-xc330", "--fault", "dead=9"], "has no such servo"),
         (["lamp-xc330", "--fault", "ded=1"], "did you mean 'dead'?"),
-        (["lamp-xc330", "--twin", "no-such.toml"], "there is no such file"),
+        (["lamp-xc330", "--twin", "no-such.toml"], "is not known; choose one of lopsided"),
         (["lamp-xc330", "--link", "/no/such/folder/bus"], "the link can not be made"),
         (["lamp-xc330", "--link", "x", "--sensor-link", "x"], "give them two paths"),
         (["lamp-xc330", "--tcp", "70000"], "TCP port 70000 can not be used"),

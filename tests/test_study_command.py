@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from evolve.studies.cells import make_cells, run_cells
+from evolve.studies.cells import make_cells, read_curve, run_cells
 from evolve.studies.papers import STUDIES
 from servolve.cli import main
 
@@ -83,6 +83,26 @@ def test_a_study_that_is_stopped_and_killed_goes_on_to_the_same_bytes(finished, 
 
     subprocess.run(command(folder, "--workers", "2", "--quiet"), check=True, stdout=subprocess.DEVNULL)
     assert content(folder) == content(finished[0])
+
+
+def test_a_cell_that_was_killed_while_its_tables_were_made_is_not_complete(tmp_path):
+    """Its journal takes back what was written when the file is opened next: until then the file is not empty."""
+    folder = tmp_path / "half"
+    cell = make_cells(STUDIES[NAME], STUDIES[NAME].scales["tiny"], 1, folder)[0]
+    cell.folder.mkdir(parents=True)
+    path = cell.folder / "history.sqlite"
+    killed = (
+        "import os, sqlite3, sys\n"
+        "made = sqlite3.connect(sys.argv[1], isolation_level=None)\n"
+        "made.execute('pragma cache_size = 1')\n"
+        "made.execute('begin immediate')\n"
+        "made.execute('create table program (text)')\n"
+        "made.executemany('insert into program values (?)', [('x' * 4000,)] * 50)\n"
+        "os._exit(9)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", killed, path], check=False).returncode == 9
+    assert path.stat().st_size > 0
+    assert read_curve(cell) is None
 
 
 def test_the_order_of_the_cells_changes_nothing(finished, tmp_path):

@@ -133,9 +133,11 @@ def read_curve(cell: Cell) -> Curve | None:
         what the history says; None: it is not complete
     """
     path = cell.folder / HISTORY
-    if not path.is_file() or path.stat().st_size == 0:
+    if not path.is_file():
         return None
-    with open_history(path) as connection:
+    with open_history(path, empty=True) as connection:
+        if connection.execute("select count(*) from sqlite_master").fetchone() == (0,):
+            return None
         rows = connection.execute(_GENERATIONS, (cell.settings.goals,)).fetchall()
     return Curve(*zip(*rows, strict=True)) if len(rows) == cell.settings.generations else None
 
