@@ -43,22 +43,22 @@ typedef struct {
 
 typedef struct {
   const sv_rig* rig;
-  uint8_t received[SV_FRAME_MAX];  // bytes of the transaction that are not used yet
   int32_t nreceived;
-  uint8_t frame[SV_FRAME_MAX];  // what has been sent last
   int32_t nframe;
-  sv_late late[SV_LATE_MAX];
   int32_t nlate;
-  uint32_t silent;  // by joint: asked last, where it keeps nobody waiting
-  int32_t whole;    // whether everybody answered the last sync read
-  int32_t strays;   // bytes that answered nothing that was asked
-  int32_t strays_seen[SV_JOINT_MAX];
+  uint32_t silent;       // by joint: asked last, where it keeps nobody waiting
+  int32_t whole;         // whether everybody answered the last sync read
+  int32_t strays;        // bytes that answered nothing that was asked
   int32_t echoed;        // whether the line has given back what was sent
-  int64_t line_from_us;  // the line is busy from here,
-  int32_t line_nbyte;    // for as long as these need
+  int32_t line_nbyte;    // the line is busy for as long as these need,
+  int64_t line_from_us;  // from here
   int64_t deadline_us;
   int64_t patience_us;
   uint32_t nbyte;  // bytes sent and received
+  int32_t strays_seen[SV_JOINT_MAX];
+  sv_late late[SV_LATE_MAX];
+  uint8_t received[SV_FRAME_MAX];  // bytes of the transaction that are not used yet
+  uint8_t frame[SV_FRAME_MAX];     // what has been sent last
 } sv_bus;
 
 // Start with an empty line.

@@ -53,32 +53,32 @@ typedef struct {
 
 typedef struct {
   const sv_rig* rig;
-  uint32_t program;  // its fingerprint
-  int32_t selftest;  // what the controller's has returned
   float* registers;  // the controller's memory
   float* memory;
   uint8_t state;    // sv_state
   uint8_t pressed;  // whether the start input was active when last looked at
   uint8_t holding;  // whether the last run has left torque on: a stop takes it
   uint8_t ncommand;
-  char command[SV_COMMAND_MAX];
   sv_wish wish;
   sv_counts counts;
-  sv_bus bus;
-  sv_lines lines;
-  sv_watch watch;
-  int64_t begin_us;                   // of this period
-  int64_t ended_us;                   // of the last one's traffic
-  int64_t answered_us[SV_JOINT_MAX];  // when each joint last answered; < 0: never
-  sv_period done;                     // this period
-  sv_reply replies[SV_JOINT_MAX];     // of this period
-  int32_t goals[SV_JOINT_MAX];        // in force [counts]
-  int32_t from[SV_JOINT_MAX];         // where homing begins [counts]
-  int32_t nmove;                      // periods of its move
+  uint32_t program;             // its fingerprint
+  int32_t selftest;             // what the controller's has returned
+  int64_t begin_us;             // of this period
+  int64_t ended_us;             // of the last one's traffic
+  int32_t nmove;                // periods of its move
+  sv_period done;               // this period
+  int32_t goals[SV_JOINT_MAX];  // in force [counts]
   int32_t raw[SV_RAW_MAX];
+  sv_reply replies[SV_JOINT_MAX];     // of this period
+  int64_t answered_us[SV_JOINT_MAX];  // when each joint last answered; < 0: never
+  int32_t from[SV_JOINT_MAX];         // where homing begins [counts]
   sv_cycle_state cycle;
   float terminals[SV_INPUT_MAX];
   float outputs[SV_OUTPUT_MAX];
+  char command[SV_COMMAND_MAX];
+  sv_watch watch;
+  sv_lines lines;
+  sv_bus bus;
 } sv_robot;
 
 // Set up, with what the controller's selftest returned, its fingerprint and its memory; say hello on the console; after
