@@ -67,7 +67,7 @@ def speed_inside(joint: Joint, count: int, speed: int, age_s: float, period_s: f
         age_s: how long ago that was, infinite if never [s]
         period_s: control period [s]
     """
-    age_us = math.floor(1e6 * age_s + 1e-3) if math.isfinite(age_s) else -1
+    age_us = math.floor(min(1e6 * age_s + 1e-3, 2.0**31 - 1.0)) if math.isfinite(age_s) else -1
     return int(library().sv_speed_inside(byref(_axis(joint)), count, speed, age_us, round(1e6 * period_s)))
 
 

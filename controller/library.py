@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, c_float, c_int32, c_int64, c_uint32, c_void_p
+from ctypes import POINTER, c_float, c_int32, c_uint32, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import ClassVar, Final
@@ -184,5 +184,5 @@ def _declare(lib: ctypes.CDLL) -> None:
     lib.sv_homing_goal.argtypes = (c_int32,) * 4
     lib.sv_homing_near.argtypes = (axis, c_int32)
     lib.sv_homing_speed.argtypes = (axis, c_int32, c_float)
-    lib.sv_speed_inside.argtypes = (axis, c_int32, c_int32, c_int64, c_int32)
+    lib.sv_speed_inside.argtypes = (axis, c_int32, c_int32, c_int32, c_int32)
     lib.sv_derate.argtypes = (c_int32, c_float)

@@ -8,6 +8,7 @@
 
 #include "sv_hal.h"
 #include "sv_rig.h"
+#include "sv_time.h"
 
 #define LINE_MAX 64
 
@@ -45,8 +46,8 @@ static void obey(uint8_t command) {
   } else if (command == 'R') {
     (void)deeper(0);
   } else if (command == 'Z') {
-    const int64_t until_us = sv_hal_now_us() + 100000;
-    while (sv_hal_now_us() < until_us) {
+    const uint32_t until_us = sv_hal_now_us() + 100000U;
+    while (!sv_has_come(sv_hal_now_us(), until_us)) {
       sv_hal_feed_watchdog();
     }
   }
@@ -77,6 +78,6 @@ int main(void) {
     while (sv_hal_read(SV_LINE_CONSOLE, &byte, 1) == 1) {
       (void)sv_hal_write(SV_LINE_CONSOLE, &byte, 1);
     }
-    sv_hal_wait(sv_hal_now_us() + 20000);
+    sv_hal_wait(sv_hal_now_us() + 20000U);
   }
 }

@@ -72,9 +72,10 @@ int32_t decimal(const char* text, float* value) {
   return rest != 0 && *rest == 0;
 }
 void sv_hal_init(void) {}
-int64_t sv_hal_now_us(void) { return now_us; }
-void sv_hal_wait(int64_t until_us) {
-  now_us = until_us > now_us ? until_us : now_us;
+uint32_t sv_hal_now_us(void) { return (uint32_t)now_us; }
+void sv_hal_wait(uint32_t until_us) {
+  const int32_t wait_us = (int32_t)(until_us - (uint32_t)now_us);
+  now_us += wait_us > 0 ? wait_us : 0;
   starved_us = now_us - fed_us > starved_us ? now_us - fed_us : starved_us;
 }
 int32_t sv_hal_read(int32_t line, uint8_t* data, int32_t size) {

@@ -9,8 +9,8 @@
 #include "sv_packets2.h"
 
 typedef struct {
-  int64_t (*now_us)(void);
-  void (*wait)(int64_t until_us);
+  uint32_t (*now_us)(void);
+  void (*wait)(uint32_t until_us);
   int32_t (*read)(int32_t line, uint8_t* data, int32_t size);
   int32_t (*write)(int32_t line, const uint8_t* data, int32_t size);
 } shim_hal;
@@ -42,14 +42,14 @@ int32_t shim_write_register(shim* s, int32_t joint, int32_t address, int32_t siz
 int32_t shim_decode(int32_t size, int32_t encoding, const uint8_t* data);
 void shim_encode(int32_t size, int32_t encoding, int32_t count, uint8_t* data);
 void shim_sensors(shim* s, int32_t n, const char* messages, const uint8_t* fields, const int32_t* latencies_us);
-void shim_feed(shim* s, const uint8_t* bytes, int32_t n, int64_t now_us);
+void shim_feed(shim* s, const uint8_t* bytes, int32_t n, uint32_t now_us);
 int32_t shim_raw(const shim* s, int32_t sensor, int32_t* raw);
-int64_t shim_age_us(const shim* s, int32_t sensor, int64_t now_us);
+int32_t shim_age_us(const shim* s, int32_t sensor, uint32_t now_us);
 int32_t shim_stopped(const shim* s);
 
 void sv_hal_init(void) {}
-int64_t sv_hal_now_us(void) { return hal.now_us(); }
-void sv_hal_wait(int64_t until_us) { hal.wait(until_us); }
+uint32_t sv_hal_now_us(void) { return hal.now_us(); }
+void sv_hal_wait(uint32_t until_us) { hal.wait(until_us); }
 int32_t sv_hal_read(int32_t line, uint8_t* data, int32_t size) { return hal.read(line, data, size); }
 int32_t sv_hal_write(int32_t line, const uint8_t* data, int32_t size) { return hal.write(line, data, size); }
 uint32_t sv_hal_inputs(void) { return 0; }
@@ -141,13 +141,13 @@ void shim_sensors(shim* s, int32_t n, const char* messages, const uint8_t* field
   sv_lines_init(&s->lines, &s->rig);
 }
 
-void shim_feed(shim* s, const uint8_t* bytes, int32_t n, int64_t now_us) {
+void shim_feed(shim* s, const uint8_t* bytes, int32_t n, uint32_t now_us) {
   sv_lines_feed(&s->lines, &s->rig, bytes, n, now_us);
 }
 
 int32_t shim_raw(const shim* s, int32_t sensor, int32_t* raw) { return sv_lines_raw(&s->lines, sensor, raw); }
 
-int64_t shim_age_us(const shim* s, int32_t sensor, int64_t now_us) {
+int32_t shim_age_us(const shim* s, int32_t sensor, uint32_t now_us) {
   return sv_lines_age_us(&s->lines, sensor, now_us);
 }
 

@@ -30,12 +30,12 @@ class _Reply(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_uint8) for name in ("status", "error", "alert", "late")),
         ("size", ctypes.c_int32),
-        ("t_us", ctypes.c_int64),
+        ("t_us", ctypes.c_uint32),
     )
 
 
-_NOW = ctypes.CFUNCTYPE(ctypes.c_int64)
-_WAIT = ctypes.CFUNCTYPE(None, ctypes.c_int64)
+_NOW = ctypes.CFUNCTYPE(ctypes.c_uint32)
+_WAIT = ctypes.CFUNCTYPE(None, ctypes.c_uint32)
 _BYTES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int32, ctypes.POINTER(ctypes.c_uint8), ctypes.c_int32)
 
 
@@ -75,7 +75,6 @@ def runtime(tmp_path_factory):
     library.shim_size.restype = ctypes.c_size_t
     library.shim_replies.restype = ctypes.POINTER(_Reply)
     library.shim_ping.restype = ctypes.c_uint16
-    library.shim_age_us.restype = ctypes.c_int64
     return library
 
 

@@ -2,7 +2,7 @@
 
 import ctypes
 import subprocess
-from ctypes import byref, c_float, c_int32, c_int64, c_uint8, c_void_p
+from ctypes import byref, c_float, c_int32, c_uint8, c_uint32, c_void_p
 from pathlib import Path
 
 from firmware_gen.projects.rig_config import rig_header, rig_source
@@ -19,16 +19,18 @@ class SvReply(ctypes.Structure):
     _fields_ = (
         *((name, c_uint8) for name in ("status", "error", "alert", "late")),
         ("size", c_int32),
-        ("t_us", c_int64),
+        ("t_us", c_uint32),
     )
 
 
 class _Joint(ctypes.Structure):
     _fields_ = (
         *((name, c_int32) for name in ("missed", "poor", "alerted", "jumped", "hot", "low")),
+        ("seen", c_uint8),
+        ("off_track", c_uint8),
         ("believed_rad", c_float),
-        ("believed_us", c_int64),
-        ("off_track_us", c_int64),
+        ("believed_us", c_uint32),
+        ("off_track_us", c_uint32),
     )
 
 

@@ -105,7 +105,7 @@ def write_record(scene, folder):
         total = sums[0].value ^ sums[1].value ^ sums[2].value
         lines = (given.bus, given.sensors, given.console)
         events += struct.pack("<IIB3H", total, given.now_us, given.inputs, *map(len, lines))
-        sums[0].add(struct.pack("<q", scene.taken[i].until_us))
+        sums[0].add(struct.pack("<I", scene.taken[i].until_us))
         sums[1].add(b"".join(scene.taken[i].bus))
         sums[2].add(scene.taken[i].console)
     for name in ("bus", "sensors", "console"):

@@ -17,7 +17,7 @@ HAL = """
 #include "sv_record.h"
 static uint8_t line[1024];
 static int32_t nline, room;
-static int64_t now_us;
+static uint32_t now_us;
 int32_t taken(uint8_t* data);
 void open_line(int32_t bytes);
 int32_t taken(uint8_t* data) {
@@ -31,10 +31,10 @@ void open_line(int32_t bytes) {
   now_us = 0;
   room = bytes;
 }
-int64_t sv_hal_now_us(void) { return now_us; }
+uint32_t sv_hal_now_us(void) { return now_us; }
 void sv_hal_feed_watchdog(void) {}
 // a byte leaves every 10 us
-void sv_hal_wait(int64_t until_us) {
+void sv_hal_wait(uint32_t until_us) {
   room += (int32_t)(until_us - now_us) / 10;
   now_us = until_us;
 }
@@ -59,7 +59,7 @@ def library(tmp_path_factory):
     built = ctypes.CDLL(str(folder / "record.so"))
     built.sv_record_f32.argtypes = (ctypes.c_void_p, ctypes.c_float)
     built.sv_record_i64.argtypes = (ctypes.c_void_p, ctypes.c_int64)
-    built.sv_record_end.argtypes = (ctypes.c_void_p, ctypes.c_int64)
+    built.sv_record_end.argtypes = (ctypes.c_void_p, ctypes.c_uint32)
     return built
 
 
@@ -76,8 +76,8 @@ class Writer:
         getattr(self.library, f"sv_record_{kind}")(self.record, value)
         return self
 
-    def end(self, wait_until_us=0):
-        sent = self.library.sv_record_end(self.record, wait_until_us)
+    def end(self, wait_us=0):
+        sent = self.library.sv_record_end(self.record, wait_us)
         data = ctypes.create_string_buffer(1024)
         size = self.library.taken(data)
         return sent, data.raw[:size]

@@ -2,7 +2,7 @@
 
 import math
 import re
-from ctypes import c_int64
+from ctypes import c_uint32
 from dataclasses import replace
 
 import pytest
@@ -204,7 +204,7 @@ def test_encoders_that_jump(pair, data):
         asked_us = now_us - data.draw(st.sampled_from((0, 812, 9_000)))
         by_id = {reply.id: reply for reply in seen}
         said = safety.judge_encoders(pair.rig, pair.watch, 1e-6 * asked_us, 1e-6 * now_us, by_id, angles)
-        told = pair.judges.judge("encoders", c_int64(asked_us), c_int64(now_us), replies(seen), counts)
+        told = pair.judges.judge("encoders", c_uint32(asked_us), c_uint32(now_us), replies(seen), counts)
         if agree(pair, said, told, reasons):
             assert told[2] / 1000 == pytest.approx(numbers(said)[0], abs=0.006)
             assert told[3] / 1e6 == pytest.approx(numbers(said)[1], abs=0.006)
@@ -221,7 +221,7 @@ def test_every_jump_of_an_encoder(lamp, step_us):
         for now_us, counts in ((1_000_000, [2048] * 3), (1_000_000 + step_us, [2048, 2048 - jump, 2048])):
             angles = [joint_angle(joint, count) for joint, count in zip(lamp.rig.joints, counts, strict=True)]
             said = safety.judge_encoders(lamp.rig, lamp.watch, 1e-6 * now_us, 1e-6 * now_us, by_id, angles)
-            told = lamp.judges.judge("encoders", c_int64(now_us), c_int64(now_us), replies(seen), counts)
+            told = lamp.judges.judge("encoders", c_uint32(now_us), c_uint32(now_us), replies(seen), counts)
         ended.add(agree(lamp, said, told, {"has jumped": 40}))
     assert ended == {False, True}
 
@@ -237,7 +237,7 @@ def test_every_speed_of_a_joint_that_is_asked_for_one(jumper):
             goals, speeds = [asked] + [0] * (njoint - 1), [done] + [0] * (njoint - 1)
             for now_us in (1_000_000, 9_000_000):
                 said = safety.judge_speeds(jumper.host_rig, jumper.watch, 1e-6 * now_us, goals, speeds, angles)
-                told = jumper.judges.judge("speeds", c_int64(now_us), goals, speeds, rest)
+                told = jumper.judges.judge("speeds", c_uint32(now_us), goals, speeds, rest)
             ended.add(agree(jumper, said, told, {"turns at": 43}))
     assert ended == {False, True}
 
@@ -260,7 +260,7 @@ def test_joints_that_do_not_follow(lamp, data):
             [joint_angle(joint, goal) for joint, goal in zip(lamp.rig.joints, goals, strict=True)],
             [joint_angle(joint, count) for joint, count in zip(lamp.rig.joints, counts, strict=True)],
         )
-        told = lamp.judges.judge("tracking", c_int64(now_us), goals, counts)
+        told = lamp.judges.judge("tracking", c_uint32(now_us), goals, counts)
         if agree(lamp, said, told, {"from its goal": 41}):
             assert told[2] / 1000 == pytest.approx(numbers(said)[0], abs=0.006)
             assert told[3] / 1e6 == pytest.approx(numbers(said)[1], abs=0.006)
@@ -282,7 +282,7 @@ def test_joints_that_are_driven_by_their_speed(jumper, data):
         counts = data.draw(st.lists(st.sampled_from((2048, 2048, 2200, 5000)), **lists))
         angles = [joint_angle(joint, count) for joint, count in zip(jumper.rig.joints, counts, strict=True)]
         said = safety.judge_speeds(jumper.host_rig, jumper.watch, 1e-6 * now_us, asked, done, angles)
-        told = jumper.judges.judge("speeds", c_int64(now_us), asked, done, counts)
+        told = jumper.judges.judge("speeds", c_uint32(now_us), asked, done, counts)
         if agree(jumper, said, told, {"outside its limits": 42, "turns at": 43}):
             assert told[2] / 1000 == pytest.approx(numbers(said)[0], abs=0.006)
             assert told[0] == 42 or told[3] / 1000 == pytest.approx(numbers(said)[1], abs=0.006)

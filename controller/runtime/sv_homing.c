@@ -80,12 +80,12 @@ int32_t sv_homing_speed(const sv_axis* axis, int32_t count, float rate_rad_s) {
   return sv_round_even(sv_limit(wanted, axis->speed_max) / axis->speed_scale);
 }
 
-int32_t sv_speed_inside(const sv_axis* axis, int32_t count, int32_t speed, int64_t age_us, int32_t period_us) {
+int32_t sv_speed_inside(const sv_axis* axis, int32_t count, int32_t speed, int32_t age_us, int32_t period_us) {
   const float rate = (float)speed * axis->speed_scale;
   // older than half an hour is never
   float ahead = 3.0e38F;
   if (age_us >= 0 && age_us < INT32_MAX - period_us) {
-    ahead = (float)((int32_t)age_us + period_us) * kMicro;
+    ahead = (float)(age_us + period_us) * kMicro;
   }
   const float way = rate * ahead;
   const float end = (float)(count - axis->zero) * axis->angle_scale + way;

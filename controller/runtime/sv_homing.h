@@ -40,7 +40,7 @@ int32_t sv_homing_speed(const sv_axis* axis, int32_t count, float rate_rad_s);
 
 // Return a speed, or 0 where it may have carried the joint to an end of its travel since its angle was read age_us ago
 // (< 0: never), or will within this period [velocity counts].
-int32_t sv_speed_inside(const sv_axis* axis, int32_t count, int32_t speed, int64_t age_us, int32_t period_us);
+int32_t sv_speed_inside(const sv_axis* axis, int32_t count, int32_t speed, int32_t age_us, int32_t period_us);
 
 // Return a part of a torque ceiling, rounded half to even [counts].
 int32_t sv_derate(int32_t ceiling, float part);

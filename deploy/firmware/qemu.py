@@ -41,6 +41,8 @@ _LINES: Final = ("bus", "sensors", "console")
 _RING: Final = struct.Struct("<IHHHH")
 _WRITTEN: Final = 6
 _LOST: Final = 10
+_CLOCK: Final = 2**32
+"""The image's clock begins anew after so many microseconds."""
 _DEATH_SIGNAL: Final = 1  # PR_SET_PDEATHSIG
 
 
@@ -173,13 +175,14 @@ class Qemu:
         for ring, data in zip(self._rings, (given.bus, given.sensors, given.console), strict=True):
             writes += _append(ring, data)
         self.stub.run_after([*writes, register_write(PC, self._lr & ~1)])
-        return self._come_to_wait()
+        ahead = (self._come_to_wait() - given.now_us) % _CLOCK
+        return given.now_us + (ahead if ahead < _CLOCK // 2 else ahead - _CLOCK)
 
     def _world(self, given: Given) -> str:
-        return memory_write(self._board.spare, struct.pack("<qI", given.now_us, given.inputs))
+        return memory_write(self._board.spare, struct.pack("<II", given.now_us % _CLOCK, given.inputs))
 
     def _come_to_wait(self) -> int:
-        """Let the machine run until it calls `sv_hal_wait`: => until when it waits [us]."""
+        """Let the machine run until it calls `sv_hal_wait`: => until when on its own clock [us]."""
         received = self._symbols["board_received"]
         deadline = time.monotonic() + NOTHING_S
         while True:
@@ -190,8 +193,7 @@ class Qemu:
                 self._lr = registers[LR]
                 rings = enumerate(_RING.iter_unpack(bytes.fromhex(answers[1])))
                 self._rings = tuple(_Ring(received.address + _RING.size * i, *ring) for i, ring in rings)
-                until: int = struct.unpack("<q", struct.pack("<II", *registers[:2]))[0]
-                return until
+                return registers[0]
             if registers[PC] == self._symbols["board_send_bus"].address:
                 self._sizes.append(registers[1])
             elif registers[PC] == self._symbols["sv_hal_init"].address:
@@ -252,10 +254,19 @@ class Qemu:
             self._sizes.pop()
 
     def _replace(self) -> None:
-        """Make clock and inputs read what the debugger writes; after a reset the memory may be as it was built."""
+        """Make clock and inputs read what the debugger writes; after a reset the memory may be as it was built.
+
+        Both are too short for that, and go on in `sv_hal_wait`, whose own code never runs here.
+        """
         load = _move(1, self._board.spare)
-        self._patch("sv_hal_now_us", load + struct.pack("<3H", 0xE9D1, 0x0100, 0x4770))  # ldrd r0, r1, [r1]; bx lr
-        self._patch("sv_hal_inputs", load + struct.pack("<2H", 0x6888, 0x4770))  # ldr r0, [r1, #8]; bx lr
+        back = struct.pack("<2H", 0x4770, 0xBF00)  # bx lr; nop
+        clock = load + struct.pack("<2H", 0x6808, 0x4770)  # ldr r0, [r1]; bx lr
+        inputs = load + struct.pack("<2H", 0x6848, 0x4770)  # ldr r0, [r1, #4]; bx lr
+        self._patch("sv_hal_wait", back + clock + inputs)
+        place = self._symbols["sv_hal_wait"].address + len(back)
+        for name, code in (("sv_hal_now_us", clock), ("sv_hal_inputs", inputs)):
+            self._patch(name, _branch(self._symbols[name].address, place))
+            place += len(code)
 
     def _patch(self, name: str, code: bytes) -> None:
         symbol = self._symbols[name]
@@ -291,6 +302,17 @@ def _move(register: int, value: int) -> bytes:
         high = opcode | (half >> 11 & 1) << 10 | half >> 12
         code += struct.pack("<2H", high, (half >> 8 & 7) << 12 | register << 8 | half & 0xFF)
     return code
+
+
+def _branch(here: int, there: int) -> bytes:
+    """Return Thumb code that goes elsewhere.
+
+    Source: Armv7-M Architecture Reference Manual, A7.7.12 (B, T4).
+    """
+    offset = (there - here - 4) >> 1
+    sign, i1, i2 = (offset >> bit & 1 for bit in (23, 22, 21))
+    high = 0xF000 | sign << 10 | offset >> 11 & 0x3FF
+    return struct.pack("<2H", high, 0x9000 | (1 ^ i1 ^ sign) << 13 | (1 ^ i2 ^ sign) << 11 | offset & 0x7FF)
 
 
 def _start(

@@ -31,7 +31,7 @@ typedef struct {
   uint8_t alert;   // whether the servo reports that something is wrong with it
   uint8_t late;    // whether it is missing, but an answer to an earlier question has come since it was last asked
   int32_t size;    // bytes of data
-  int64_t t_us;    // when it had been read, or was given up
+  uint32_t t_us;   // when it had been read, or was given up
 } sv_reply;
 
 // Replies of `size` bytes that were lost together.
@@ -46,14 +46,14 @@ typedef struct {
   int32_t nreceived;
   int32_t nframe;
   int32_t nlate;
-  uint32_t silent;       // by joint: asked last, where it keeps nobody waiting
-  int32_t whole;         // whether everybody answered the last sync read
-  int32_t strays;        // bytes that answered nothing that was asked
-  int32_t echoed;        // whether the line has given back what was sent
-  int32_t line_nbyte;    // the line is busy for as long as these need,
-  int64_t line_from_us;  // from here
-  int64_t deadline_us;
-  int64_t patience_us;
+  uint32_t silent;        // by joint: asked last, where it keeps nobody waiting
+  int32_t whole;          // whether everybody answered the last sync read
+  int32_t strays;         // bytes that answered nothing that was asked
+  int32_t echoed;         // whether the line has given back what was sent
+  int32_t line_nbyte;     // the line is busy for as long as these need,
+  uint32_t line_from_us;  // from here
+  uint32_t deadline_us;
+  int32_t patience_us;
   uint32_t nbyte;  // bytes sent and received
   int32_t strays_seen[SV_JOINT_MAX];
   sv_late late[SV_LATE_MAX];

@@ -5,7 +5,7 @@
 #define SV_LATE_US_MAX 250000U  // a reply that has not come by then will not come. An estimate.
 
 void sv_bus_remember_late(sv_bus* bus, uint32_t joints, int32_t size) {
-  const uint32_t now = (uint32_t)sv_hal_now_us();
+  const uint32_t now = sv_hal_now_us();
   int32_t kept = 0;
   // one entry for each joint and size: the newest
   for (int32_t i = 0; i < bus->nlate; i++) {
@@ -35,7 +35,7 @@ void sv_bus_remember_late(sv_bus* bus, uint32_t joints, int32_t size) {
 
 // Return for how long a reply of `size` bytes of some joints may still come [us], 0: none can.
 static uint32_t sv_late_for(const sv_bus* bus, uint32_t joints, int32_t size) {
-  const uint32_t now = (uint32_t)sv_hal_now_us();
+  const uint32_t now = sv_hal_now_us();
   uint32_t longest = 0;
   for (int32_t i = 0; i < bus->nlate; i++) {
     const sv_late* entry = bus->late + i;

@@ -1,15 +1,16 @@
 #include "sv_bus_line.h"
 
 #include "sv_hal.h"
+#include "sv_time.h"
 
 #define SV_BITS_PER_BYTE 10U
-#define SV_WAIT_US_MAX 50000    // the watchdog is fed as often
-#define SV_NBYTE_MAX 16384      // of one stretch in which the line is busy
-#define SV_FLUSH_MAX 256        // reads that a flush may take: no babbling line holds it up
-#define SV_OVERDUE_US_MAX 2000  // how long after its deadline a transaction may still take what waits
+#define SV_WAIT_US_MAX 50000U    // the watchdog is fed as often
+#define SV_NBYTE_MAX 16384       // of one stretch in which the line is busy
+#define SV_FLUSH_MAX 256         // reads that a flush may take: no babbling line holds it up
+#define SV_OVERDUE_US_MAX 2000U  // how long after its deadline a transaction may still take what waits
 
 // Return how long bytes are on the line [us], rounded up; 1e7 * nbyte / baud in 32 bits.
-static int32_t sv_line_us(const sv_bus* bus, int32_t nbyte) {
+static uint32_t sv_line_us(const sv_bus* bus, int32_t nbyte) {
   const uint32_t baud = (uint32_t)SV_RIG(bus)->baud;
   const uint32_t whole = SV_BITS_PER_BYTE * 1000000U / baud;
   const uint32_t part = SV_BITS_PER_BYTE * 1000000U % baud;
@@ -23,17 +24,15 @@ static int32_t sv_line_us(const sv_bus* bus, int32_t nbyte) {
       rest = rest + part >= baud ? rest + part - baud : rest + part;
     }
   }
-  return (int32_t)(us + (rest > 0));
+  return us + (rest > 0);
 }
 
-// Note that bytes go out from now on, behind those that are still on the line.
-static void sv_occupy(sv_bus* bus, int64_t now_us, int32_t nbyte) {
-  const int64_t free_us = bus->line_from_us + sv_line_us(bus, bus->line_nbyte);
-  if (now_us >= free_us || bus->line_nbyte > SV_NBYTE_MAX) {
-    bus->line_from_us = now_us > free_us ? now_us : free_us;
+// Forget the bytes that have left the line: what follows is on it from now on.
+static void sv_clear_line(sv_bus* bus, uint32_t now_us) {
+  if (now_us - bus->line_from_us >= sv_line_us(bus, bus->line_nbyte) || bus->line_nbyte > SV_NBYTE_MAX) {
+    bus->line_from_us = now_us;
     bus->line_nbyte = 0;
   }
-  bus->line_nbyte += nbyte;
 }
 
 // Drop every byte that waits: it answers nothing that will be asked now.
@@ -51,30 +50,29 @@ static void sv_flush(sv_bus* bus) {
 
 int32_t sv_bus_send(sv_bus* bus) {
   sv_flush(bus);
-  const int64_t begin_us = sv_hal_now_us();
+  const uint32_t begin_us = sv_hal_now_us();
   if (sv_hal_write(SV_LINE_BUS, bus->frame, bus->nframe) != bus->nframe) {
     return 0;
   }
   bus->nbyte += (uint32_t)bus->nframe;
-  sv_occupy(bus, begin_us, bus->nframe);
+  sv_clear_line(bus, begin_us);
+  bus->line_nbyte += bus->nframe;
   return 1;
 }
 
 void sv_bus_expect(sv_bus* bus, int32_t nbyte, int32_t nreply) {
-  const int64_t now_us = sv_hal_now_us();
-  const int32_t busy = now_us < bus->line_from_us + sv_line_us(bus, bus->line_nbyte);
-  bus->deadline_us =
-      busy ? bus->line_from_us + sv_line_us(bus, bus->line_nbyte + nbyte) : now_us + sv_line_us(bus, nbyte);
-  bus->deadline_us += nreply * SV_RIG(bus)->return_delay_us + bus->patience_us;
+  sv_clear_line(bus, sv_hal_now_us());
+  bus->deadline_us = bus->line_from_us + sv_line_us(bus, bus->line_nbyte + nbyte);
+  bus->deadline_us += (uint32_t)(nreply * SV_RIG(bus)->return_delay_us + bus->patience_us);
 }
 
 int32_t sv_bus_take(sv_bus* bus) {
   const int32_t room = (int32_t)sizeof bus->received - bus->nreceived;
-  int64_t seen_us = -1;
+  uint32_t fed_us = sv_hal_now_us() - 1U;
   for (;;) {
-    const int64_t now_us = sv_hal_now_us();
+    const uint32_t now_us = sv_hal_now_us();
     // what has come by the deadline is taken after it, but a line that never falls silent is left alone
-    if (room == 0 || now_us >= bus->deadline_us + SV_OVERDUE_US_MAX) {
+    if (room == 0 || sv_has_come(now_us, bus->deadline_us + SV_OVERDUE_US_MAX)) {
       return 0;
     }
     const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received + bus->nreceived, room);
@@ -83,14 +81,14 @@ int32_t sv_bus_take(sv_bus* bus) {
       bus->nbyte += (uint32_t)n;
       return 1;
     }
-    if (now_us >= bus->deadline_us) {
+    if (sv_has_come(now_us, bus->deadline_us)) {
       return 0;
     }
     // a clock that stands still is no reason to feed
-    if (now_us != seen_us) {
+    if (now_us != fed_us) {
       sv_hal_feed_watchdog();
     }
-    seen_us = now_us;
+    fed_us = now_us;
     sv_hal_wait(bus->deadline_us - now_us > SV_WAIT_US_MAX ? now_us + SV_WAIT_US_MAX : bus->deadline_us);
   }
 }

@@ -11,7 +11,7 @@
 #define SV_LATE_US_MAX 3000
 #define SV_DELAY_US_MAX 508  // the longest that a servo can be set to wait before it answers
 #define SV_LISTEN_STEPS 30
-#define SV_LISTEN_STEP_US 10000
+#define SV_LISTEN_STEP_US 10000U
 
 // What has been found so far.
 typedef struct {
@@ -41,8 +41,8 @@ static sv_reply sv_ping(sv_robot* robot, int32_t joint, uint16_t* model) {
 // Ask once more and wait for long; return how long the answer took, -1 if there is none [us].
 static int32_t sv_patient_ping_us(sv_robot* robot, int32_t joint) {
   uint16_t model;
-  const int64_t usual_us = robot->bus.patience_us;
-  const int64_t asked_us = sv_hal_now_us();
+  const int32_t usual_us = robot->bus.patience_us;
+  const uint32_t asked_us = sv_hal_now_us();
   robot->bus.patience_us = SV_PATIENCE_US;
   const sv_reply reply = sv_ping(robot, joint, &model);
   robot->bus.patience_us = usual_us;
@@ -73,7 +73,7 @@ static int32_t sv_is_there(sv_robot* robot, sv_findings* findings, int32_t joint
 }
 
 // Return how long an answer took beyond what line and servo need [us].
-static int32_t sv_waited_us(const sv_rig* rig, const sv_reply* reply, int64_t asked_us, int32_t size) {
+static int32_t sv_waited_us(const sv_rig* rig, const sv_reply* reply, uint32_t asked_us, int32_t size) {
   const uint32_t around = SV_PROTOCOL(rig) == SV_DYNAMIXEL2 ? 22U : 12U;  // of question and answer
   const uint32_t line_us = (around + (uint32_t)size) * 10000000U / (uint32_t)rig->baud;
   return (int32_t)(reply->t_us - asked_us) - SV_DELAY_US_MAX - (int32_t)line_us;
@@ -83,7 +83,7 @@ static int32_t sv_waited_us(const sv_rig* rig, const sv_reply* reply, int64_t as
 static int32_t sv_read_tables(sv_robot* robot, sv_findings* findings, int32_t joint, sv_tables* tables) {
   for (int32_t n = 0; n < 2; n++) {
     const sv_block* block = SV_RIG(robot)->joints[joint].tables + n;
-    const int64_t asked_us = sv_hal_now_us();
+    const uint32_t asked_us = sv_hal_now_us();
     sv_hal_feed_watchdog();
     sv_reply reply = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
     if (reply.status == SV_REPLY_DATA) {
@@ -165,16 +165,15 @@ static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
     sv_read_sensors(robot);
   }
   for (int32_t i = 0; i < rig->nsensor; i++) {
-    const int64_t age_us = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
+    const int32_t age_us = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
     const int32_t age_us_max = rig->sensors[i].age_us_max;
-    const int32_t told_us = sv_clip_us(age_us);
     if (age_us >= 0 && age_us <= age_us_max) {
       continue;
     }
     if (rig->sensors[i].needed) {
-      sv_find(robot, findings, SV_FINDING_SENSOR, i, 0, told_us, 0, age_us_max);
+      sv_find(robot, findings, SV_FINDING_SENSOR, i, 0, age_us, 0, age_us_max);
     } else {
-      sv_log_finding(robot, SV_WARNING, SV_FINDING_SENSOR, i, 0, told_us, 0, age_us_max);
+      sv_log_finding(robot, SV_WARNING, SV_FINDING_SENSOR, i, 0, age_us, 0, age_us_max);
     }
   }
 }

@@ -4,6 +4,7 @@
 #include "sv_io.h"
 #include "sv_log.h"
 #include "sv_record.h"
+#include "sv_time.h"
 
 #define SV_TRIPPED 255          // what the bus watchdog register reads once it has stopped its servo
 #define SV_HEALTH_BYTES_MAX 16  // of a health block
@@ -35,12 +36,10 @@ static int32_t sv_alerts(sv_robot* robot) {
 // Judge whether joints do what they are told; nobody knows where one is that has never answered.
 static int32_t sv_tracking(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
-  for (int32_t i = 0; i < rig->njoint; i++) {
-    if (robot->answered_us[i] < 0) {
-      return 0;
-    }
+  if (robot->answered != (1U << rig->njoint) - 1U) {
+    return 0;
   }
-  const int64_t now_us = sv_hal_now_us();
+  const uint32_t now_us = sv_hal_now_us();
   return SV_VELOCITY_MODE(rig)
              ? sv_judge_speeds(rig, &robot->watch, now_us, robot->goals, robot->raw + rig->njoint, robot->raw)
              : sv_judge_tracking(rig, &robot->watch, now_us, robot->goals, robot->raw);
@@ -68,20 +67,20 @@ int32_t sv_judge_period(sv_robot* robot) {
   sv_watch* watch = &robot->watch;
   int32_t ages_us[SV_SENSOR_MAX];
   for (int32_t i = 0; i < rig->nsensor; i++) {
-    ages_us[i] = sv_clip_us(sv_lines_age_us(&robot->lines, i, sv_hal_now_us()));
+    ages_us[i] = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
   }
   return sv_judge_replies(rig, watch, robot->replies) || sv_alerts(robot) ||
          sv_judge_encoders(rig, watch, robot->begin_us, sv_hal_now_us(), robot->replies, robot->raw) ||
          sv_judge_sensors(rig, watch, ages_us) || sv_tracking(robot) || sv_tilt(robot, ages_us);
 }
 
-int32_t sv_stalled(sv_robot* robot, int64_t now_us) {
-  const int64_t silent_us = now_us - robot->ended_us;
+int32_t sv_stalled(sv_robot* robot, uint32_t now_us) {
+  const int32_t silent_us = sv_age_us(now_us, robot->ended_us);
   const int32_t watchdog_us = SV_RIG(robot)->safety.watchdog_us;
   for (int32_t i = 0; i < SV_RIG(robot)->njoint && watchdog_us > 0 && silent_us > watchdog_us; i++) {
     const sv_register* watchdog = &SV_RIG(robot)->joints[i].watchdog;
     if (watchdog->size > 0 && sv_ask(robot, i, watchdog, SV_ATTEMPTS, 0) == SV_TRIPPED) {
-      return sv_because(&robot->watch, SV_REASON_WATCHDOG, SV_NOBODY, sv_clip_us(silent_us), 0);
+      return sv_because(&robot->watch, SV_REASON_WATCHDOG, SV_NOBODY, silent_us, 0);
     }
   }
   return 0;

@@ -12,7 +12,7 @@ extern "C" {
 #endif
 
 // Judge whether this board was silent for so long that the servos' bus watchdogs have tripped.
-int32_t sv_stalled(sv_robot* robot, int64_t now_us);
+int32_t sv_stalled(sv_robot* robot, uint32_t now_us);
 
 // Judge what this period's data show; servos that report something are asked what.
 int32_t sv_judge_period(sv_robot* robot);

@@ -33,11 +33,11 @@ typedef enum {
 // Bring up clock, lines, inputs and watchdog; called once, first.
 void sv_hal_init(void);
 
-// Return the time since boot [us]; it never goes back.
-int64_t sv_hal_now_us(void);
+// Return the time since boot [us]; it never goes back, but begins anew every 2^32 us: see sv_time.h.
+uint32_t sv_hal_now_us(void);
 
-// Sleep until a byte waits on any line, an input changes, or a time is reached; may return early.
-void sv_hal_wait(int64_t until_us);
+// Sleep until a byte waits on any line, an input changes, or a time has come; may return early.
+void sv_hal_wait(uint32_t until_us);
 
 // Take bytes that have come on a line, oldest first: => data; return how many, 0..size.
 int32_t sv_hal_read(int32_t line, uint8_t* data, int32_t size);

@@ -2,6 +2,7 @@
 
 #include "sv_axis.h"
 #include "sv_hal.h"
+#include "sv_time.h"
 
 #define SV_STATE_BYTES_MAX 16  // of the block that is read of every servo in a period
 #define SV_CHUNKS_MAX 2048     // reads of the sensor line in one go: no babbling line holds it up
@@ -13,15 +14,13 @@ void sv_forget(sv_robot* robot) {
   for (int32_t i = 0; i < SV_RAW_MAX; i++) {
     robot->raw[i] = 0;
   }
-  for (int32_t i = 0; i < SV_JOINT_MAX; i++) {
-    robot->answered_us[i] = -1;
-  }
+  robot->answered = 0;
 }
 
 // Take what the sensor line has given: => lines; or drop it.
 static void sv_take_lines(sv_robot* robot, int32_t keep) {
   uint8_t bytes[32];
-  const int64_t now_us = sv_hal_now_us();
+  const uint32_t now_us = sv_hal_now_us();
   for (int32_t i = 0; i < SV_CHUNKS_MAX; i++) {
     const int32_t n = sv_hal_read(SV_LINE_SENSORS, bytes, (int32_t)sizeof bytes);
     if (n <= 0) {
@@ -43,10 +42,10 @@ void sv_read_sensors(sv_robot* robot) {
 }
 
 int32_t sv_sensors_fresh(const sv_robot* robot) {
-  const int64_t now_us = sv_hal_now_us();
+  const uint32_t now_us = sv_hal_now_us();
   for (int32_t i = 0; i < SV_RIG(robot)->nsensor; i++) {
     const sv_sensor* sensor = SV_RIG(robot)->sensors + i;
-    const int64_t age_us = sv_lines_age_us(&robot->lines, i, now_us);
+    const int32_t age_us = sv_lines_age_us(&robot->lines, i, now_us);
     if (sensor->needed && (age_us < 0 || age_us > sensor->age_us_max)) {
       return 0;
     }
@@ -73,6 +72,7 @@ void sv_read_servos(sv_robot* robot, const sv_block* block) {
     }
     const sv_joint* joint = SV_RIG(robot)->joints + i;
     const uint8_t* from = data + i * block->size;
+    robot->answered |= 1U << i;
     robot->answered_us[i] = robot->replies[i].t_us;
     (void)sv_in_block(block, from, &joint->position, robot->raw + i);
     (void)sv_in_block(block, from, &joint->velocity, robot->raw + njoint + i);
@@ -80,9 +80,8 @@ void sv_read_servos(sv_robot* robot, const sv_block* block) {
   }
 }
 
-// Return how old a joint's counts are [us], -1: it has never answered.
-static int64_t sv_joint_age_us(const sv_robot* robot, int32_t joint) {
-  return robot->answered_us[joint] < 0 ? -1 : sv_hal_now_us() - robot->answered_us[joint];
+int32_t sv_joint_age_us(const sv_robot* robot, int32_t joint, uint32_t now_us) {
+  return (robot->answered >> joint & 1U) != 0 ? sv_age_us(now_us, robot->answered_us[joint]) : -1;
 }
 
 void sv_write_goals(sv_robot* robot, const sv_block* block, const int32_t* goals) {
@@ -92,7 +91,8 @@ void sv_write_goals(sv_robot* robot, const sv_block* block, const int32_t* goals
     robot->goals[i] = goals[i];
     if (SV_VELOCITY_MODE(rig)) {
       const sv_axis axis = sv_axis_of(rig->joints + i);
-      robot->goals[i] = sv_speed_inside(&axis, robot->raw[i], goals[i], sv_joint_age_us(robot, i), rig->period_us);
+      const int32_t age_us = sv_joint_age_us(robot, i, sv_hal_now_us());
+      robot->goals[i] = sv_speed_inside(&axis, robot->raw[i], goals[i], age_us, rig->period_us);
     }
     sv_register_encode(&rig->joints[i].goal, robot->goals[i], data + i * block->size);
   }

@@ -23,6 +23,9 @@ void sv_drop_sensors(sv_robot* robot);
 // Return whether every sensor that is needed is fresh.
 int32_t sv_sensors_fresh(const sv_robot* robot);
 
+// Return how old a joint's counts are [us], -1: it has never answered.
+int32_t sv_joint_age_us(const sv_robot* robot, int32_t joint, uint32_t now_us);
+
 // Return whether a block holds a register: => its count.
 int32_t sv_in_block(const sv_block* block, const uint8_t* data, const sv_register* reg, int32_t* count);
 

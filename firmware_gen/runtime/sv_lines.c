@@ -1,12 +1,14 @@
 #include "sv_lines.h"
 
+#include "sv_time.h"
+
 #define SV_NO_CHANNEL 255
 #define SV_SEQ_DIGITS 10
 #define SV_TIME_DIGITS 16
 #define SV_RAW_DIGITS 10
-#define SV_DRIFT_PART 100     // the node's clock runs slower or faster than ours by no more than this part of it
-#define SV_MEMORY_US 1000000  // how long a difference of the clocks is remembered
-#define SV_SHARE_SHIFT 17     // differences in the same 2^17 us count as one
+#define SV_DRIFT_PART 100U     // the node's clock runs slower or faster than ours by no more than this part of it
+#define SV_MEMORY_US 1000000U  // how long a difference of the clocks is remembered
+#define SV_SHARE_SHIFT 17      // differences in the same 2^17 us count as one
 
 void sv_lines_init(sv_lines* lines, const sv_rig* rig) {
   lines->nopen = -1;
@@ -62,11 +64,11 @@ static int32_t sv_skip(sv_rest* rest, uint8_t c) {
 }
 
 // Read 1..ndigit digits: => value; return whether there were as many.
-static int32_t sv_number(sv_rest* rest, int32_t ndigit, int64_t* value) {
+static int32_t sv_number(sv_rest* rest, int32_t ndigit, uint64_t* value) {
   *value = 0;
   int32_t n = 0;
   while (n < ndigit && rest->at < rest->end && sv_is_digit(rest->text[rest->at])) {
-    *value = 10 * *value + (rest->text[rest->at] - '0');
+    *value = 10 * *value + (uint64_t)(rest->text[rest->at] - '0');
     rest->at++;
     n++;
   }
@@ -75,7 +77,7 @@ static int32_t sv_number(sv_rest* rest, int32_t ndigit, int64_t* value) {
 
 // Read the next raw count: => count; return whether there was one.
 static int32_t sv_count(sv_rest* rest, int32_t* count) {
-  int64_t value = 0;
+  uint64_t value = 0;
   if (!sv_skip(rest, ',')) {
     return 0;
   }
@@ -83,9 +85,8 @@ static int32_t sv_count(sv_rest* rest, int32_t* count) {
   if (!sv_number(rest, SV_RAW_DIGITS, &value)) {
     return 0;
   }
-  value = negative ? -value : value;
-  *count = (int32_t)value;
-  return value >= INT32_MIN && value <= INT32_MAX;
+  *count = (int32_t)(negative ? 0U - (uint32_t)value : (uint32_t)value);
+  return value <= (uint32_t)INT32_MAX + (uint32_t)negative;
 }
 
 // Return whether a line is whole: it ends with * and the check of what is before it.
@@ -113,12 +114,12 @@ static int32_t sv_is_stop(const uint8_t* body, int32_t n) {
 // when its sample was taken
 
 // Forget the differences that are older than a second.
-static void sv_forget_old(sv_channel* channel, int64_t now_us) {
+static void sv_forget_old(sv_channel* channel, uint32_t now_us) {
   int32_t old = 0;
   if (now_us - channel->updated_us > SV_MEMORY_US) {
     old = channel->ndifference;
   }
-  while (old < channel->ndifference && (uint32_t)now_us - channel->differences[old].seen_us > SV_MEMORY_US) {
+  while (old < channel->ndifference && now_us - channel->differences[old].seen_us > SV_MEMORY_US) {
     old++;
   }
   for (int32_t i = old; i < channel->ndifference; i++) {
@@ -128,8 +129,8 @@ static void sv_forget_old(sv_channel* channel, int64_t now_us) {
 }
 
 // Add a difference above the offset that is seen now; larger ones that were seen before tell nothing any more.
-static void sv_see(sv_channel* channel, int32_t above_us, int64_t now_us) {
-  const sv_difference newest = {(uint32_t)now_us, above_us};
+static void sv_see(sv_channel* channel, int32_t above_us, uint32_t now_us) {
+  const sv_difference newest = {now_us, above_us};
   while (channel->ndifference > 0 && channel->differences[channel->ndifference - 1].above_us >= above_us) {
     channel->ndifference--;
   }
@@ -143,32 +144,25 @@ static void sv_see(sv_channel* channel, int32_t above_us, int64_t now_us) {
   channel->ndifference++;
 }
 
-// Return how far the clocks may have drifted apart in a time.
-static int64_t sv_drift_us(int64_t elapsed_us) {
-  // long silence: without a division of 64 bits, to half a thousandth
-  return elapsed_us <= INT32_MAX ? (int32_t)elapsed_us / SV_DRIFT_PART : (elapsed_us >> 16) * (65536 / SV_DRIFT_PART);
-}
-
 // Date a channel's new line; return whether it is another sample than the last.
-static int32_t sv_date(sv_channel* channel, int64_t t_us, int64_t now_us) {
-  const int64_t difference_us = now_us - t_us - channel->latency_us;
+static int32_t sv_date(sv_channel* channel, uint32_t t_us, uint32_t now_us) {
+  const uint32_t difference_us = now_us - t_us - (uint32_t)channel->latency_us;
   if (channel->seen && t_us == channel->t_us) {
     return 0;
   }
-  const int32_t starts = !channel->seen || t_us < channel->t_us;
+  const int32_t starts = !channel->seen || (int32_t)(t_us - channel->t_us) < 0;
   // never above what was seen within a second: a smaller difference dates at once
-  if (starts || difference_us < channel->offset_us) {
+  if (starts || (int32_t)(difference_us - channel->offset_us) < 0) {
     channel->offset_us = difference_us;
     channel->ndifference = 0;
   }
-  const int64_t drift_us = starts ? 0 : sv_drift_us(now_us - channel->updated_us);
-  const int64_t above_us = difference_us - channel->offset_us;
+  const int32_t drift_us = starts ? 0 : (int32_t)((now_us - channel->updated_us) / SV_DRIFT_PART);
   sv_forget_old(channel, now_us);
-  sv_see(channel, above_us < INT32_MAX ? (int32_t)above_us : INT32_MAX, now_us);
+  sv_see(channel, (int32_t)(difference_us - channel->offset_us), now_us);
   // a larger one than all of that second's can only come of clocks that drift apart
   const int32_t least_us = channel->differences[0].above_us;
-  const int32_t grown_us = least_us < drift_us ? least_us : (int32_t)drift_us;
-  channel->offset_us += grown_us;
+  const int32_t grown_us = least_us < drift_us ? least_us : drift_us;
+  channel->offset_us += (uint32_t)grown_us;
   for (int32_t i = 0; i < channel->ndifference; i++) {
     channel->differences[i].above_us -= grown_us;
   }
@@ -191,7 +185,7 @@ static void sv_hold(sv_lines* lines, const sv_rig* rig, int32_t place, sv_rest r
 }
 
 // Take a whole line, from behind its $ to before its end.
-static void sv_take_line(sv_lines* lines, const sv_rig* rig, int64_t now_us) {
+static void sv_take_line(sv_lines* lines, const sv_rig* rig, uint32_t now_us) {
   const uint8_t* line = lines->open;
   if (!sv_is_checked(line, lines->nopen)) {
     return;
@@ -201,7 +195,7 @@ static void sv_take_line(sv_lines* lines, const sv_rig* rig, int64_t now_us) {
     lines->emergency_stop = 1;
     return;
   }
-  int64_t t_us = 0;
+  uint64_t t_us = 0;
   if (!sv_skip(&rest, ',') || !sv_number(&rest, SV_SEQ_DIGITS, &t_us) || !sv_skip(&rest, ',') ||
       !sv_number(&rest, SV_TIME_DIGITS, &t_us)) {
     return;
@@ -213,13 +207,13 @@ static void sv_take_line(sv_lines* lines, const sv_rig* rig, int64_t now_us) {
   }
   for (int32_t place = 0; place < lines->nchannel && rest.at == rest.end; place++) {
     sv_channel* channel = lines->channels + place;
-    if (channel->message == line[0] && ncount >= channel->width && sv_date(channel, t_us, now_us)) {
+    if (channel->message == line[0] && ncount >= channel->width && sv_date(channel, (uint32_t)t_us, now_us)) {
       sv_hold(lines, rig, place, counts);
     }
   }
 }
 
-void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, int64_t now_us) {
+void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, uint32_t now_us) {
   for (int32_t i = 0; i < n; i++) {
     if (bytes[i] == '$') {
       lines->nopen = 0;
@@ -243,9 +237,9 @@ int32_t sv_lines_raw(const sv_lines* lines, int32_t sensor, int32_t* raw) {
   return 1;
 }
 
-int64_t sv_lines_age_us(const sv_lines* lines, int32_t sensor, int64_t now_us) {
+int32_t sv_lines_age_us(const sv_lines* lines, int32_t sensor, uint32_t now_us) {
   const int32_t place = lines->channel_of[sensor];
   return place < lines->nchannel && lines->channels[place].seen
-             ? now_us - lines->channels[place].t_us - lines->channels[place].offset_us
+             ? sv_age_us(now_us, lines->channels[place].t_us + lines->channels[place].offset_us)
              : -1;
 }

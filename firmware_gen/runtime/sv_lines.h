@@ -27,19 +27,19 @@ extern "C" {
 
 // A difference of the clocks, the smallest since it was seen.
 typedef struct {
-  uint32_t seen_us;  // wraps
+  uint32_t seen_us;
   int32_t above_us;  // above the channel's offset
 } sv_difference;
 
 // The newest line of one letter, and how the node's clock stands to ours.
 typedef struct {
   char message;
-  uint8_t seen;        // whether a line has come
-  uint8_t width;       // integers that a line must have
-  int32_t latency_us;  // from a sample to its line's last byte
-  int64_t t_us;        // the node's time of the sample
-  int64_t offset_us;   // our time less the node's
-  int64_t updated_us;  // when the line was read
+  uint8_t seen;         // whether a line has come
+  uint8_t width;        // integers that a line must have
+  int32_t latency_us;   // from a sample to its line's last byte
+  uint32_t t_us;        // the node's time of the sample; wraps, as all times here
+  uint32_t offset_us;   // our time less the node's
+  uint32_t updated_us;  // when the line was read
   int32_t ndifference;
   sv_difference differences[SV_WINDOW_MAX];  // oldest first, rising
 } sv_channel;
@@ -58,13 +58,13 @@ typedef struct {
 void sv_lines_init(sv_lines* lines, const sv_rig* rig);
 
 // Take n bytes that the sensor line gave.
-void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, int64_t now_us);
+void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, uint32_t now_us);
 
 // Return whether a sensor's line has come: => its newest counts, untouched if not.
 int32_t sv_lines_raw(const sv_lines* lines, int32_t sensor, int32_t* raw);
 
 // Return how old a sensor's counts are [us], -1 before its first line.
-int64_t sv_lines_age_us(const sv_lines* lines, int32_t sensor, int64_t now_us);
+int32_t sv_lines_age_us(const sv_lines* lines, int32_t sensor, uint32_t now_us);
 
 #ifdef __cplusplus
 }

@@ -1,18 +1,22 @@
 #include "sv_log.h"
 
 #include "sv_hal.h"
+#include "sv_io.h"
 #include "sv_record.h"
 
-#define SV_ROOM_US 20000  // how long a record may wait for room in the line's buffer while no servo has torque
+#define SV_ROOM_US 20000U  // how long a record may wait for room in the line's buffer while no servo has torque
 
-static void sv_begin(sv_record* record, int32_t type, int64_t t_us) {
+void sv_log_time(sv_robot* robot, uint32_t now_us) { robot->log_us += (int32_t)(now_us - (uint32_t)robot->log_us); }
+
+static void sv_begin(sv_robot* robot, sv_record* record, int32_t type, uint32_t t_us) {
+  sv_log_time(robot, t_us);
   sv_record_begin(record, type);
-  sv_record_i64(record, t_us);
+  sv_record_i64(record, robot->log_us);
 }
 
 static void sv_send(sv_robot* robot, sv_record* record) {
   const int32_t slack = robot->state == SV_STATE_OFF || robot->state == SV_STATE_CHECKED;
-  if (!sv_record_end(record, slack ? sv_hal_now_us() + SV_ROOM_US : 0)) {
+  if (!sv_record_end(record, slack ? SV_ROOM_US : 0)) {
     robot->counts.dropped++;
   }
 }
@@ -23,8 +27,6 @@ static void sv_put_reason(sv_record* record, const sv_why* why) {
   sv_record_i32(record, why->a);
   sv_record_i32(record, why->b);
 }
-
-static void sv_put_age(sv_record* record, int64_t age_us) { sv_record_varint(record, sv_clip_us(age_us)); }
 
 void sv_log_hello(sv_robot* robot) {
   sv_record record;
@@ -38,7 +40,7 @@ void sv_log_hello(sv_robot* robot) {
 
 void sv_log_start(sv_robot* robot) {
   sv_record record;
-  sv_begin(&record, SV_RECORD_START, sv_hal_now_us());
+  sv_begin(robot, &record, SV_RECORD_START, sv_hal_now_us());
   sv_record_f32(&record, robot->wish.goal.goal_dist);
   sv_record_f32(&record, robot->wish.goal.goal_bearing);
   sv_record_i32(&record, robot->wish.periods);
@@ -49,7 +51,7 @@ void sv_log_start(sv_robot* robot) {
 
 void sv_log_state(sv_robot* robot, int32_t left, const sv_why* why) {
   sv_record record;
-  sv_begin(&record, SV_RECORD_STATE, sv_hal_now_us());
+  sv_begin(robot, &record, SV_RECORD_STATE, sv_hal_now_us());
   sv_record_u8(&record, (uint32_t)left);
   sv_record_u8(&record, robot->state);
   sv_put_reason(&record, why);
@@ -59,7 +61,7 @@ void sv_log_state(sv_robot* robot, int32_t left, const sv_why* why) {
 void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joint, int32_t address, int32_t value,
                     int32_t low, int32_t high) {
   sv_record record;
-  sv_begin(&record, SV_RECORD_FINDING, sv_hal_now_us());
+  sv_begin(robot, &record, SV_RECORD_FINDING, sv_hal_now_us());
   sv_record_u8(&record, (uint32_t)level);
   sv_record_u8(&record, (uint32_t)finding);
   sv_record_u8(&record, (uint32_t)joint);
@@ -80,7 +82,7 @@ void sv_log_cycle(sv_robot* robot, int32_t k) {
   }
 
   sv_record record;
-  sv_begin(&record, SV_RECORD_CYCLE, done->started_us);
+  sv_begin(robot, &record, SV_RECORD_CYCLE, done->started_us);
   sv_record_varint(&record, k);
   sv_record_varint(&record, (int32_t)(done->started_us - robot->begin_us));
   sv_record_varint(&record, (int32_t)(done->read_us - done->started_us));
@@ -92,10 +94,10 @@ void sv_log_cycle(sv_robot* robot, int32_t k) {
   }
   // ages when the cycle ran
   for (int32_t i = 0; i < rig->njoint; i++) {
-    sv_put_age(&record, robot->answered_us[i] < 0 ? -1 : done->read_us - robot->answered_us[i]);
+    sv_record_varint(&record, sv_joint_age_us(robot, i, done->read_us));
   }
   for (int32_t i = 0; i < rig->nsensor; i++) {
-    sv_put_age(&record, sv_lines_age_us(&robot->lines, i, done->read_us));
+    sv_record_varint(&record, sv_lines_age_us(&robot->lines, i, done->read_us));
   }
   for (int32_t i = 0; i < program->ninput; i++) {
     sv_record_f32(&record, robot->terminals[i]);
@@ -111,7 +113,7 @@ void sv_log_cycle(sv_robot* robot, int32_t k) {
 
 void sv_log_block(sv_robot* robot, int32_t type, int32_t joint, const sv_block* block, const uint8_t* data) {
   sv_record record;
-  sv_begin(&record, type, sv_hal_now_us());
+  sv_begin(robot, &record, type, sv_hal_now_us());
   sv_record_u8(&record, (uint32_t)joint);
   sv_record_u16(&record, (uint32_t)block->address);
   sv_record_u8(&record, (uint32_t)block->size);
@@ -123,7 +125,7 @@ void sv_log_block(sv_robot* robot, int32_t type, int32_t joint, const sv_block* 
 
 void sv_log_event(sv_robot* robot, int32_t event, int32_t a) {
   sv_record record;
-  sv_begin(&record, SV_RECORD_EVENT, sv_hal_now_us());
+  sv_begin(robot, &record, SV_RECORD_EVENT, sv_hal_now_us());
   sv_record_u8(&record, (uint32_t)event);
   sv_record_u8(&record, SV_NOBODY);
   sv_record_i32(&record, a);
@@ -133,7 +135,7 @@ void sv_log_event(sv_robot* robot, int32_t event, int32_t a) {
 
 void sv_log_end(sv_robot* robot, uint32_t unsure) {
   sv_record record;
-  sv_begin(&record, SV_RECORD_END, sv_hal_now_us());
+  sv_begin(robot, &record, SV_RECORD_END, sv_hal_now_us());
   sv_record_u8(&record, robot->state);
   sv_put_reason(&record, &robot->watch.why);
   sv_record_i32(&record, robot->counts.cycles);

@@ -11,6 +11,9 @@
 extern "C" {
 #endif
 
+// Let the log's clock, which does not begin anew, run on to a time of the board's; less than 2^31 us may have passed.
+void sv_log_time(sv_robot* robot, uint32_t now_us);
+
 // Each writes one record of sv_record.h.
 void sv_log_hello(sv_robot* robot);
 void sv_log_start(sv_robot* robot);

@@ -5,22 +5,23 @@
 #include "sv_hal.h"
 #include "sv_home.h"
 #include "sv_io.h"
+#include "sv_time.h"
 
-#define SV_WAIT_US_MAX 50000  // the watchdog is fed so often
+#define SV_WAIT_US_MAX 50000U  // the watchdog is fed so often
 
-void sv_wait_until(sv_robot* robot, int64_t until_us) {
-  int64_t seen_us = -1;
+void sv_wait_until(sv_robot* robot, uint32_t until_us) {
+  uint32_t fed_us = sv_hal_now_us() - 1U;
   for (;;) {
     sv_console_listen(robot);
-    const int64_t now_us = sv_hal_now_us();
+    const uint32_t now_us = sv_hal_now_us();
     // a clock that stands still is no reason to feed
-    if (now_us != seen_us) {
+    if (now_us != fed_us) {
       sv_hal_feed_watchdog();
     }
-    if (now_us >= until_us) {
+    if (sv_has_come(now_us, until_us)) {
       return;
     }
-    seen_us = now_us;
+    fed_us = now_us;
     sv_hal_wait(until_us - now_us > SV_WAIT_US_MAX ? now_us + SV_WAIT_US_MAX : until_us);
   }
 }
@@ -63,11 +64,10 @@ static int32_t sv_refuse(sv_robot* robot, const int32_t* goals) {
 // A period that is more than one period late makes all later ones late by whole periods: no catching up.
 static void sv_await_period(sv_robot* robot) {
   const int32_t period_us = SV_RIG(robot)->period_us;
-  robot->begin_us += period_us;
-  const int64_t now_us = sv_hal_now_us();
-  if (now_us - robot->begin_us > period_us) {
-    const int64_t behind_us = now_us - robot->begin_us;
-    robot->begin_us += behind_us < INT32_MAX ? (int32_t)behind_us / period_us * period_us : behind_us;
+  robot->begin_us += (uint32_t)period_us;
+  const int32_t behind_us = (int32_t)(sv_hal_now_us() - robot->begin_us);
+  if (behind_us > period_us) {
+    robot->begin_us += (uint32_t)(behind_us / period_us * period_us);
   }
   sv_wait_until(robot, robot->begin_us);
 }
@@ -117,6 +117,6 @@ int32_t sv_walk(sv_robot* robot, int32_t k) {
     faulty = sv_do(robot, k, due + i, faulty) || faulty;
   }
   robot->ended_us = sv_hal_now_us();
-  done->overran = robot->ended_us > robot->begin_us + SV_RIG(robot)->period_us;
+  done->overran = robot->ended_us - robot->begin_us > (uint32_t)SV_RIG(robot)->period_us;
   return faulty || sv_judge_timing(SV_RIG(robot), &robot->watch, done->overran);
 }

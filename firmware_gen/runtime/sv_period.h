@@ -14,7 +14,7 @@ extern "C" {
 #endif
 
 // Sleep until a time; hear meanwhile that a person wants the run to stop.
-void sv_wait_until(sv_robot* robot, int64_t until_us);
+void sv_wait_until(sv_robot* robot, uint32_t until_us);
 
 // Return whether a person wants the run to stop: => why.
 int32_t sv_heed_stop(sv_robot* robot);

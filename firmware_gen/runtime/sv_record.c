@@ -1,6 +1,7 @@
 #include "sv_record.h"
 
 #include "sv_hal.h"
+#include "sv_time.h"
 
 #define SV_FIRST 2                         // bytes before the type: a zero, the first code byte
 #define SV_END (SV_FIRST + SV_RECORD_MAX)  // where type, body and CRC end at the latest
@@ -75,7 +76,7 @@ static void sv_record_code(sv_record* record) {
   record->bytes[last] = (uint8_t)(record->n - last);
 }
 
-int32_t sv_record_end(sv_record* record, int64_t wait_until_us) {
+int32_t sv_record_end(sv_record* record, uint32_t wait_us) {
   if (record->n + 2 > SV_END) {
     return 0;
   }
@@ -84,10 +85,11 @@ int32_t sv_record_end(sv_record* record, int64_t wait_until_us) {
   record->bytes[0] = 0;
   record->bytes[record->n++] = 0;
 
+  const uint32_t until_us = sv_hal_now_us() + wait_us;
   int32_t done = sv_hal_write(SV_LINE_CONSOLE, record->bytes, record->n);
-  while (done < record->n && sv_hal_now_us() < wait_until_us) {
+  while (done < record->n && !sv_has_come(sv_hal_now_us(), until_us)) {
     sv_hal_feed_watchdog();  // each record waits for so long, one after another
-    sv_hal_wait(wait_until_us < sv_hal_now_us() + 1000 ? wait_until_us : sv_hal_now_us() + 1000);
+    sv_hal_wait(until_us - sv_hal_now_us() < 1000U ? until_us : sv_hal_now_us() + 1000U);
     done += sv_hal_write(SV_LINE_CONSOLE, record->bytes + done, record->n - done);
   }
   return done == record->n;

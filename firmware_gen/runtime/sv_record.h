@@ -50,8 +50,9 @@ void sv_record_i64(sv_record* record, int64_t value);
 void sv_record_f32(sv_record* record, float value);
 void sv_record_varint(sv_record* record, int32_t value);
 
-// Send it on the console line, waiting until wait_until_us at the longest for room; return 1, or 0 if it was dropped.
-int32_t sv_record_end(sv_record* record, int64_t wait_until_us);
+// Send it on the console line, waiting for wait_us at the longest for room; return 1, or 0 if it was
+// dropped.
+int32_t sv_record_end(sv_record* record, uint32_t wait_us);
 
 #ifdef __cplusplus
 }

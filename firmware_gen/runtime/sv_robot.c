@@ -9,7 +9,7 @@
 #include "sv_period.h"
 #include "sv_torque.h"
 
-#define SV_IDLE_US 10000
+#define SV_IDLE_US 10000U
 #define SV_SECONDS 10  // length of a run, if nobody says another
 
 static int32_t sv_is_fault(const sv_robot* robot) { return robot->watch.why.reason >= SV_REASON_FINDING; }
@@ -58,7 +58,7 @@ static void sv_control(sv_robot* robot) {
     }
   }
   // the end of the last period
-  sv_wait_until(robot, robot->begin_us + SV_RIG(robot)->period_us);
+  sv_wait_until(robot, robot->begin_us + (uint32_t)SV_RIG(robot)->period_us);
   sv_read_sensors(robot);
   (void)sv_end(robot, SV_REASON_TIME);
 }
@@ -136,6 +136,7 @@ static void sv_begin_run(sv_robot* robot) {
 
 void sv_robot_poll(sv_robot* robot) {
   sv_hal_feed_watchdog();
+  sv_log_time(robot, sv_hal_now_us());
   sv_console_listen(robot);
   if (!robot->wish.start) {
     if (robot->holding && robot->wish.stop != SV_REASON_NONE) {
@@ -167,6 +168,7 @@ void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_
   robot->selftest = selftest;
   robot->registers = registers;
   robot->memory = memory;
+  robot->log_us = sv_hal_now_us();
   robot->state = SV_STATE_OFF;
   robot->pressed = 1;
   robot->holding = 0;

@@ -42,10 +42,10 @@ typedef struct {
 
 // What happened in one period.
 typedef struct {
-  int64_t started_us;
-  int64_t read_us;               // when everything had been read
-  int64_t aimed_us;              // when the goals were known
-  int64_t ended_us;              // when they had been written
+  uint32_t started_us;
+  uint32_t read_us;              // when everything had been read
+  uint32_t aimed_us;             // when the goals were known
+  uint32_t ended_us;             // when they had been written
   int32_t sent;                  // whether they were
   int32_t overran;               // whether it was not done in its time
   int32_t aimed[SV_OUTPUT_MAX];  // goals [counts]
@@ -63,15 +63,17 @@ typedef struct {
   sv_counts counts;
   uint32_t program;             // its fingerprint
   int32_t selftest;             // what the controller's has returned
-  int64_t begin_us;             // of this period
-  int64_t ended_us;             // of the last one's traffic
+  uint32_t begin_us;            // of this period
+  uint32_t ended_us;            // of the last one's traffic
+  int64_t log_us;               // the log's clock, which does not begin anew: see sv_log_time
   int32_t nmove;                // periods of its move
   sv_period done;               // this period
   int32_t goals[SV_JOINT_MAX];  // in force [counts]
   int32_t raw[SV_RAW_MAX];
-  sv_reply replies[SV_JOINT_MAX];     // of this period
-  int64_t answered_us[SV_JOINT_MAX];  // when each joint last answered; < 0: never
-  int32_t from[SV_JOINT_MAX];         // where homing begins [counts]
+  sv_reply replies[SV_JOINT_MAX];      // of this period
+  uint32_t answered;                   // which joints ever have, a bit each,
+  uint32_t answered_us[SV_JOINT_MAX];  // and when last
+  int32_t from[SV_JOINT_MAX];          // where homing begins [counts]
   sv_cycle_state cycle;
   float terminals[SV_INPUT_MAX];
   float outputs[SV_OUTPUT_MAX];

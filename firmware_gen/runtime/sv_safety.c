@@ -13,13 +13,11 @@ static const float kMicro = 1.0e-6F;
 static float sv_absolute(float x) { return x < 0.0F ? -x : x; }
 
 // time since => s
-static float sv_seconds(int64_t now_us, int64_t since_us) { return (float)(int32_t)(now_us - since_us) * kMicro; }
+static float sv_seconds(uint32_t now_us, uint32_t since_us) { return (float)(int32_t)(now_us - since_us) * kMicro; }
 
 static float sv_angle(const sv_joint* joint, int32_t count) {
   return (float)(count - joint->zero) * joint->angle_scale;
 }
-
-int32_t sv_clip_us(int64_t us) { return us < INT32_MAX ? (int32_t)us : INT32_MAX; }
 
 int32_t sv_milli(float value) {
   const float scaled = value * 1000.0F;
@@ -37,7 +35,7 @@ int32_t sv_because(sv_watch* watch, int32_t reason, int32_t joint, int32_t a, in
 
 void sv_watch_init(sv_watch* watch) {
   for (int32_t i = 0; i < SV_JOINT_MAX; i++) {
-    const sv_watch_joint fresh = {0, 0, 0, 0, 0, 0, 0.0F, -1, -1};
+    const sv_watch_joint fresh = {0, 0, 0, 0, 0, 0, 0, 0, 0.0F, 0, 0};
     watch->joints[i] = fresh;
   }
   for (int32_t i = 0; i < SV_SENSOR_MAX; i++) {
@@ -120,8 +118,8 @@ int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int32_t* ages
   return 0;
 }
 
-int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t asked_us, int64_t now_us, const sv_reply* replies,
-                          const int32_t* counts) {
+int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, uint32_t asked_us, uint32_t now_us,
+                          const sv_reply* replies, const int32_t* counts) {
   if (SV_VELOCITY_MODE(rig)) {
     return 0;
   }
@@ -133,11 +131,12 @@ int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t asked_us, 
       continue;
     }
     const float angle = sv_angle(rig->joints + i, counts[i]);
-    const float since = joint->believed_us < 0 ? 0.0F : sv_seconds(now_us, joint->believed_us);
-    const float way = joint->believed_us < 0 ? 0.0F : sv_absolute(angle - joint->believed_rad);
+    const float since = joint->seen ? sv_seconds(now_us, joint->believed_us) : 0.0F;
+    const float way = joint->seen ? sv_absolute(angle - joint->believed_rad) : 0.0F;
     const float turned = kJumpSpeed * rig->joints[i].no_load_speed * since;
     if (way <= kJumpRad + turned) {
       // an answer that was held up is as old as its question
+      joint->seen = 1;
       joint->believed_us = asked_us;
       joint->believed_rad = angle;
       joint->jumped = 0;
@@ -152,18 +151,15 @@ int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t asked_us, 
 }
 
 // Return for how long a joint has been off its track, 0 if it is on it [us].
-static int32_t sv_off_track(sv_watch_joint* joint, int64_t now_us, int32_t off) {
-  if (!off) {
-    joint->off_track_us = -1;
-    return 0;
-  }
-  if (joint->off_track_us < 0) {
+static int32_t sv_off_track(sv_watch_joint* joint, uint32_t now_us, int32_t off) {
+  if (!joint->off_track) {
     joint->off_track_us = now_us;
   }
-  return (int32_t)(now_us - joint->off_track_us);
+  joint->off_track = off != 0;
+  return off ? (int32_t)(now_us - joint->off_track_us) : 0;
 }
 
-int32_t sv_judge_tracking(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals,
+int32_t sv_judge_tracking(const sv_rig* rig, sv_watch* watch, uint32_t now_us, const int32_t* goals,
                           const int32_t* counts) {
   for (int32_t i = 0; i < rig->njoint; i++) {
     const float away = sv_absolute((float)(goals[i] - counts[i]) * rig->joints[i].angle_scale);
@@ -175,8 +171,8 @@ int32_t sv_judge_tracking(const sv_rig* rig, sv_watch* watch, int64_t now_us, co
   return 0;
 }
 
-int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals, const int32_t* speeds,
-                        const int32_t* counts) {
+int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, uint32_t now_us, const int32_t* goals,
+                        const int32_t* speeds, const int32_t* counts) {
   const float slack = rig->safety.tracking_rad_max;
   for (int32_t i = 0; i < rig->njoint; i++) {
     const sv_joint* joint = rig->joints + i;

@@ -28,15 +28,17 @@ typedef struct {
 
 // What has lasted, by joint.
 typedef struct {
-  int32_t missed;        // periods in a row without a valid reply
-  int32_t poor;          // how many more periods lately were without one than with one
-  int32_t alerted;       // replies in a row that reported a hardware error
-  int32_t jumped;        // angles in a row that it can not have
-  int32_t hot;           // readings in a row above the limit
-  int32_t low;           // readings in a row below the limit
-  float believed_rad;    // where it was last seen that it can have been,
-  int64_t believed_us;   // and when; < 0: never
-  int64_t off_track_us;  // since when it has not done what its goals say; < 0: it does
+  int32_t missed;         // periods in a row without a valid reply
+  int32_t poor;           // how many more periods lately were without one than with one
+  int32_t alerted;        // replies in a row that reported a hardware error
+  int32_t jumped;         // angles in a row that it can not have
+  int32_t hot;            // readings in a row above the limit
+  int32_t low;            // readings in a row below the limit
+  uint8_t seen;           // whether it has ever been seen where it can have been,
+  uint8_t off_track;      // whether it does not do what its goals say,
+  float believed_rad;     // where last,
+  uint32_t believed_us;   // and when
+  uint32_t off_track_us;  // since when
 } sv_watch_joint;
 
 typedef struct {
@@ -49,9 +51,6 @@ typedef struct {
 
 // Hold a reason with what it is about; return 1: the run has ended.
 int32_t sv_because(sv_watch* watch, int32_t reason, int32_t joint, int32_t a, int32_t b);
-
-// Return a time that fits 32 bits.
-int32_t sv_clip_us(int64_t us);
 
 // Return thousandths, rounded to nearest and saturated.
 int32_t sv_milli(float value);
@@ -76,17 +75,17 @@ int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int32_t* ages
 
 // Stop when an angle has jumped farther than its servo can turn: asked at asked_us or later and read by now_us, replies
 // (njoint), encoder counts (njoint).
-int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, int64_t asked_us, int64_t now_us, const sv_reply* replies,
-                          const int32_t* counts);
+int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, uint32_t asked_us, uint32_t now_us,
+                          const sv_reply* replies, const int32_t* counts);
 
 // Stop when a joint has been far from its goal for too long: goals and encoder counts (njoint).
-int32_t sv_judge_tracking(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals,
+int32_t sv_judge_tracking(const sv_rig* rig, sv_watch* watch, uint32_t now_us, const int32_t* goals,
                           const int32_t* counts);
 
 // Stop when a joint that is driven by its speed hardly moves, or runs the other way, or is beyond its limits: goals and
 // speeds [velocity counts], encoder counts (njoint).
-int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, int64_t now_us, const int32_t* goals, const int32_t* speeds,
-                        const int32_t* counts);
+int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, uint32_t now_us, const int32_t* goals,
+                        const int32_t* speeds, const int32_t* counts);
 
 // Stop when the base has fallen over: angles [rad].
 int32_t sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitch);

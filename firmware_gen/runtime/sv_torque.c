@@ -3,10 +3,11 @@
 #include "sv_hal.h"
 #include "sv_homing.h"
 #include "sv_period.h"
+#include "sv_time.h"
 
 #define SV_ATTEMPTS 3
-#define SV_RELEASE_US_MAX 1000000
-#define SV_RELEASE_PAUSE_US 50000
+#define SV_RELEASE_US_MAX 1000000U
+#define SV_RELEASE_PAUSE_US 50000U
 #define SV_RELEASE_PATIENCE_US 60000
 
 // Say that a register was not taken, or could not be read.
@@ -119,8 +120,8 @@ static int32_t sv_switch_off(sv_robot* robot, int32_t number) {
 
 uint32_t sv_release(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
-  const int64_t until_us = sv_hal_now_us() + SV_RELEASE_US_MAX;
-  const int64_t usual_us = robot->bus.patience_us;
+  const uint32_t until_us = sv_hal_now_us() + SV_RELEASE_US_MAX;
+  const int32_t usual_us = robot->bus.patience_us;
   uint32_t left = (1U << rig->njoint) - 1U;
   if (SV_VELOCITY_MODE(rig)) {
     sv_clear_all(robot, &rig->joints[0].goal);
@@ -132,7 +133,7 @@ uint32_t sv_release(sv_robot* robot) {
         left &= ~(1U << i);
       }
     }
-    if (left == 0U || sv_hal_now_us() >= until_us) {
+    if (left == 0U || sv_has_come(sv_hal_now_us(), until_us)) {
       break;
     }
     sv_wait_until(robot, sv_hal_now_us() + SV_RELEASE_PAUSE_US);

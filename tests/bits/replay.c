@@ -7,7 +7,7 @@
 #define EVENT_BYTES 15
 
 static int32_t event;
-static int64_t now_us;
+static uint32_t now_us;
 static uint32_t inputs;
 static uint32_t sums[3];  // of waits, bus and console: FNV-1a
 static int32_t come[3];
@@ -29,20 +29,20 @@ void sv_hal_init(void) {
   }
 }
 
-int64_t sv_hal_now_us(void) { return now_us; }
+uint32_t sv_hal_now_us(void) { return now_us; }
 
-void sv_hal_wait(int64_t until_us) {
+void sv_hal_wait(uint32_t until_us) {
   if (event == replay_nevent()) {
     replay_end(event, 0);
   }
   // the twin's first wait is not in the record
-  for (int32_t i = 0; i < 8 && event > 0; i++) {
-    replay_add(0, (uint8_t)((uint64_t)until_us >> (8 * i)));
+  for (int32_t i = 0; i < 4 && event > 0; i++) {
+    replay_add(0, (uint8_t)(until_us >> (8 * i)));
   }
   if (event > 0 && replay_number(0, 4) != (sums[0] ^ sums[1] ^ sums[2])) {
     replay_end(event, 1);
   }
-  now_us = (int64_t)replay_number(4, 4);
+  now_us = replay_number(4, 4);
   inputs = replay_number(8, 1);
   for (int32_t line = 0; line < 3; line++) {
     come[line] += (int32_t)replay_number(9 + 2 * line, 2);

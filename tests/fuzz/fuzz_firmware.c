@@ -29,6 +29,7 @@ typedef struct {
 
 static struct {
   fuzz_input input;
+  int64_t boot_us;
   int64_t now_us;
   int64_t fed_us;
   int64_t reply_us;  // when what is in `reply` has come
@@ -266,18 +267,19 @@ static void happen(void) {
 
 void sv_hal_init(void) {}
 uint32_t sv_hal_inputs(void) { return world.inputs; }
-int64_t sv_hal_now_us(void) { return world.now_us; }
+uint32_t sv_hal_now_us(void) { return (uint32_t)world.now_us; }
 int32_t sv_hal_reset_cause(void) { return world.cause; }
 
 void sv_hal_feed_watchdog(void) { world.fed_us = world.now_us; }
 
-void sv_hal_wait(int64_t until_us) {
+void sv_hal_wait(uint32_t until_us) {
   happen();
-  if (until_us <= world.now_us) {
+  const int32_t wait_us = (int32_t)(until_us - (uint32_t)world.now_us);
+  if (wait_us <= 0) {
     return;
   }
   // to the next thing that comes, or for a part of the time
-  int64_t next_us = until_us;
+  int64_t next_us = world.now_us + wait_us;
   if (world.reply.n > 0 && world.reply_us < next_us) {
     next_us = world.reply_us;
   }
@@ -298,7 +300,7 @@ void sv_hal_wait(int64_t until_us) {
   REQUIRE(world.fed_us < 0 || world.now_us - world.fed_us <= WATCHDOG_US);
   // what never ends is no run: at the input's end somebody presses the button
   world.inputs = world.input.n == 0 ? SV_INPUT_STOP : world.inputs;
-  REQUIRE(world.now_us < RUN_US_MAX);
+  REQUIRE(world.now_us - world.boot_us < RUN_US_MAX);
 }
 
 int32_t sv_hal_read(int32_t number, uint8_t* data, int32_t size) {
@@ -329,12 +331,16 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   memset(&world, 0, sizeof world);
   memset(&robot, 0, sizeof robot);
   world.input = input;
-  world.cause = fuzz_byte(&world.input) % 3;
+  const uint8_t boot = fuzz_byte(&world.input);
+  world.cause = boot % 3;
+  // the clock begins anew in the middle of many a run
+  world.boot_us = boot < 128 ? 0 : (int64_t)UINT32_MAX - 500000;
+  world.now_us = world.boot_us;
   world.fed_us = -1;
-  world.sensors_us = SENSORS_US;
+  world.sensors_us = world.now_us + SENSORS_US;
   commission();
   sv_robot_init(&robot, &servolve_rig, servolve_selftest(), SERVOLVE_PROGRAM, registers, memory);
-  while (world.input.n > 0 && world.now_us < RUN_US_MAX / 2) {
+  while (world.input.n > 0 && world.now_us - world.boot_us < RUN_US_MAX / 2) {
     sv_robot_poll(&robot);
     // whoever may hold is told so by the rig
     REQUIRE(world.torque == 0 || servolve_rig.safety.stop_holds);

@@ -16,7 +16,7 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   sv_rig rig = {.nsensor = NSENSOR, .sensors = kSensors};
   sv_lines lines;
   fuzz_input input = {data, size};
-  int64_t now_us = (int64_t)fuzz_number(&input, 4) << (fuzz_byte(&input) & 15);
+  uint32_t now_us = fuzz_number(&input, 4) << (fuzz_byte(&input) & 15);
   sv_lines_init(&lines, &rig);
   while (input.n > 0) {
     uint8_t bytes[64];
@@ -25,7 +25,7 @@ int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     sv_lines_feed(&lines, &rig, bytes, n, now_us);
     for (int32_t i = 0; i < NSENSOR; i++) {
       int32_t raw = 0;
-      const int64_t age_us = sv_lines_age_us(&lines, i, now_us);
+      const int32_t age_us = sv_lines_age_us(&lines, i, now_us);
       REQUIRE(sv_lines_raw(&lines, i, &raw) ? age_us >= 0 : age_us == -1);
     }
   }

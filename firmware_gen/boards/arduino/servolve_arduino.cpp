@@ -4,6 +4,7 @@
 
 #include "sv_hal.h"
 #include "sv_robot.h"
+#include "sv_time.h"
 
 #if defined(__AVR__)
 #include <avr/wdt.h>
@@ -20,8 +21,6 @@ sv_robot robot;
 float registers[SERVOLVE_NREGISTER];
 float memory[SERVOLVE_NSTATE];
 
-int64_t now_us;
-uint32_t micros_seen;
 uint32_t inputs_seen;
 
 uint8_t bus_bytes[kBusBytes];
@@ -157,7 +156,6 @@ void servolve_setup(const ServolveBoard& what) {
 void servolve_loop() { sv_robot_poll(&robot); }
 
 void sv_hal_init(void) {
-  micros_seen = micros();
   cause = is_bitten() ? SV_RESET_WATCHDOG : SV_RESET_POWER;
 #if defined(__AVR__)
   mark = 0;
@@ -171,15 +169,9 @@ void sv_hal_init(void) {
   board.bus->begin(SERVOLVE_BUS_BAUD);
 }
 
-// micros() starts again every 71 minutes
-int64_t sv_hal_now_us(void) {
-  const uint32_t us = micros();
-  now_us += static_cast<uint32_t>(us - micros_seen);
-  micros_seen = us;
-  return now_us;
-}
+uint32_t sv_hal_now_us(void) { return micros(); }
 
-void sv_hal_wait(int64_t until_us) {
+void sv_hal_wait(uint32_t until_us) {
   inputs_seen = sv_hal_inputs();
   do {
     pump_console();
@@ -187,7 +179,7 @@ void sv_hal_wait(int64_t until_us) {
       collect_bus();
       return;
     }
-  } while (sv_hal_now_us() < until_us);
+  } while (!sv_has_come(sv_hal_now_us(), until_us));
 }
 
 int32_t sv_hal_read(int32_t line, uint8_t* data, int32_t size) {

@@ -10,9 +10,6 @@
 // Of hal.c: serve external interrupt `number`.
 void board_interrupt(int32_t number);
 
-// Of hal.c, once a millisecond, from the highest interrupt.
-void board_tick(void);
-
 // Of startup.c: take the torque of every servo, remember why, reset the board. Never returns.
 __attribute__((noreturn)) void board_die(int32_t cause);
 

@@ -120,7 +120,6 @@ void board_external(void) {
 }
 
 void board_systick(void) {
-  board_tick();
   if (fed_ms > 0) {
     fed_ms--;
     if (fed_ms == 0) {

@@ -143,11 +143,12 @@ void sv_hal_init(void) {
   signal(SIGPIPE, SIG_IGN);
 }
 
-int64_t sv_hal_now_us(void) { return now_us; }
+uint32_t sv_hal_now_us(void) { return (uint32_t)now_us; }
 
-void sv_hal_wait(int64_t until_us) {
+void sv_hal_wait(uint32_t until_us) {
+  const int64_t until = now_us + (int32_t)(until_us - (uint32_t)now_us);
   put("W", 1);
-  put_number((uint64_t)until_us, 8);
+  put_number((uint64_t)until, 8);
   flush();
   now_us = (int64_t)get_number(8);
   inputs = (uint32_t)get_number(4);

@@ -17,6 +17,7 @@
 #include "ring.h"
 #include "sv_hal.h"
 #include "sv_rig.h"
+#include "sv_time.h"
 
 #define CORE_HZ 25000000
 #define SENSOR_BAUD 115200
@@ -57,7 +58,6 @@ ring board_received[3] = {{bus_bytes, sizeof bus_bytes - 1U, 0U, 0U, 0U},
 static ring answers = {answer_bytes, sizeof answer_bytes - 1U, 0U, 0U, 0U};
 
 static int32_t reset_cause;
-static uint32_t clock_low, clock_high;
 static uint8_t watched;
 
 int32_t board_send_bus(const uint8_t* data, int32_t size);
@@ -81,34 +81,24 @@ void sv_hal_init(void) {
   board_start_ticks(CORE_HZ);
 }
 
-// the counter's wraps, every 71 minutes, are seen by the tick at the latest
-int64_t sv_hal_now_us(void) {
-  uint32_t mask;
-  __asm volatile("mrs %0, primask\ncpsid i" : "=r"(mask)::"memory");
-  const uint32_t low = FPGAIO_COUNTER;
-  clock_high += low < clock_low;
-  clock_low = low;
-  const int64_t now_us = (int64_t)((uint64_t)clock_high << 32 | low);
-  __asm volatile("msr primask, %0" ::"r"(mask) : "memory");
-  return now_us;
-}
+uint32_t sv_hal_now_us(void) { return FPGAIO_COUNTER; }
 
 uint32_t sv_hal_inputs(void) {
   const uint32_t buttons = FPGAIO_BUTTON;
   return ((buttons & 2U) != 0U ? SV_INPUT_STOP : 0U) | ((buttons & 1U) != 0U ? SV_INPUT_START : 0U);
 }
 
-static int32_t is_idle(uint32_t inputs, int64_t until_us) {
+static int32_t is_idle(uint32_t inputs, uint32_t until_us) {
   return ring_count(&board_received[0]) == 0U && ring_count(&board_received[1]) == 0U &&
-         ring_count(&board_received[2]) == 0U && sv_hal_inputs() == inputs && sv_hal_now_us() < until_us;
+         ring_count(&board_received[2]) == 0U && sv_hal_inputs() == inputs && !sv_has_come(sv_hal_now_us(), until_us);
 }
 
 // asleep for all but the last two ticks, which are too coarse to end on
-__attribute__((noinline)) void sv_hal_wait(int64_t until_us) {
+__attribute__((noinline)) void sv_hal_wait(uint32_t until_us) {
   const uint32_t inputs = sv_hal_inputs();
   while (is_idle(inputs, until_us)) {
     __asm volatile("cpsid i" ::: "memory");
-    if (is_idle(inputs, until_us - 2000)) {
+    if (is_idle(inputs, until_us - 2000U)) {
       __asm volatile("wfi" ::: "memory");
     }
     __asm volatile("cpsie i" ::: "memory");
@@ -196,8 +186,6 @@ void board_interrupt(int32_t number) {
     board_die(SV_RESET_FAULT);
   }
 }
-
-void board_tick(void) { (void)sv_hal_now_us(); }
 
 // NMI after 0.2 s, behind the tick's own 0.1 s; a reset after as much again
 void sv_hal_feed_watchdog(void) {

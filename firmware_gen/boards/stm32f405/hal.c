@@ -19,6 +19,7 @@
 #include "ring.h"
 #include "sv_hal.h"
 #include "sv_rig.h"
+#include "sv_time.h"
 
 #ifndef BUS_WIRES
 #define BUS_WIRES 1  // 1: one half-duplex wire; 2: TX and RX through a buffer that the direction pin turns
@@ -92,7 +93,6 @@ static ring answers = {answer_bytes, sizeof answer_bytes - 1U, 0U, 0U, 0U};
 
 static int32_t clock_mhz;  // of the core
 static int32_t reset_cause;
-static uint32_t clock_low, clock_high;
 static uint8_t watched;
 
 // prototypes of what a debugger stops at
@@ -193,17 +193,7 @@ void sv_hal_init(void) {
   board_start_ticks((clock_mhz == 0 ? 168U : (uint32_t)clock_mhz) * 1000000U);
 }
 
-// the counter's wraps, every 71 minutes, are seen by the tick at the latest
-int64_t sv_hal_now_us(void) {
-  uint32_t mask;
-  __asm volatile("mrs %0, primask\ncpsid i" : "=r"(mask)::"memory");
-  const uint32_t low = TIM2_CNT;
-  clock_high += low < clock_low;
-  clock_low = low;
-  const int64_t now_us = (int64_t)((uint64_t)clock_high << 32 | low);
-  __asm volatile("msr primask, %0" ::"r"(mask) : "memory");
-  return now_us;
-}
+uint32_t sv_hal_now_us(void) { return TIM2_CNT; }
 
 // contacts to ground with pull-ups; where PUPDR does not keep what was written there are no pins
 uint32_t sv_hal_inputs(void) {
@@ -215,17 +205,17 @@ uint32_t sv_hal_inputs(void) {
   return stop | start;
 }
 
-static int32_t is_idle(uint32_t inputs, int64_t until_us) {
+static int32_t is_idle(uint32_t inputs, uint32_t until_us) {
   return ring_count(&board_received[0]) == 0U && ring_count(&board_received[1]) == 0U &&
-         ring_count(&board_received[2]) == 0U && sv_hal_inputs() == inputs && sv_hal_now_us() < until_us;
+         ring_count(&board_received[2]) == 0U && sv_hal_inputs() == inputs && !sv_has_come(sv_hal_now_us(), until_us);
 }
 
 // asleep for all but the last two ticks, which are too coarse to end on
-__attribute__((noinline)) void sv_hal_wait(int64_t until_us) {
+__attribute__((noinline)) void sv_hal_wait(uint32_t until_us) {
   const uint32_t inputs = sv_hal_inputs();
   while (is_idle(inputs, until_us)) {
     __asm volatile("cpsid i" ::: "memory");
-    if (is_idle(inputs, until_us - 2000)) {
+    if (is_idle(inputs, until_us - 2000U)) {
       __asm volatile("wfi" ::: "memory");
     }
     __asm volatile("cpsie i" ::: "memory");
@@ -307,8 +297,6 @@ void board_interrupt(int32_t number) {
     board_die(SV_RESET_FAULT);
   }
 }
-
-void board_tick(void) { (void)sv_hal_now_us(); }
 
 // LSI 17..47 kHz, divided by 16: 0.17 to 0.47 s, after the tick's own 0.1 s; once started it never stops
 void sv_hal_feed_watchdog(void) {
