@@ -106,7 +106,7 @@ def write_record(scene, folder):
         lines = (given.bus, given.sensors, given.console)
         events += struct.pack("<IIB3H", total, given.now_us, given.inputs, *map(len, lines))
         sums[0].add(struct.pack("<I", scene.taken[i].until_us))
-        sums[1].add(b"".join(scene.taken[i].bus))
+        sums[1].add(b"".join(scene.taken[i].boot + scene.taken[i].bus))
         sums[2].add(scene.taken[i].console)
     for name in ("bus", "sensors", "console"):
         (folder / f"record.{name}").write_bytes(b"".join(getattr(given, name) for given in scene.given))

@@ -36,6 +36,7 @@ class Robot:
 
     def boot(self, selftest=0, reset=POWER):
         self.library.boot(selftest, reset)
+        self.at_boot = len(self.sent())
         return self
 
     def type(self, words):
@@ -86,7 +87,7 @@ def test_a_controller_that_computes_other_bits_never_gets_to_the_bus(robot):
     robot.boot(selftest=17).type(b"arm\nstart\n")
     state, why = robot.ended()
     assert (state, why.reason, why.a) == (FAULTY, SELFTEST, 17)
-    assert robot.sent() == b""
+    assert len(robot.sent()) == robot.at_boot
 
 
 def test_where_nobody_answers_nothing_is_written_and_the_watchdog_is_fed(robot):
@@ -94,8 +95,19 @@ def test_where_nobody_answers_nothing_is_written_and_the_watchdog_is_fed(robot):
     state, why = robot.ended()
     assert (state, why.reason, why.joint) == (FAULTY, FINDING, 0)
     assert why.a >= len(robot.rig.joints) - 1
-    assert {instruction for _, instruction, _ in frames(robot.rig, robot.sent())} == {1}  # pings
+    assert {instruction for _, instruction, _ in frames(robot.rig, robot.sent()[robot.at_boot :])} == {1}  # pings
     assert robot.library.starved() < BITES_US
+
+
+def test_a_board_that_is_switched_on_takes_the_torque_of_all_and_waits_for_nobody(robot):
+    """It may have been switched off, or reset by a person, during a run: its servos have their own supply."""
+    robot.boot()
+    sent = frames(robot.rig, robot.sent())
+    _check_zeros(robot.rig, sent)
+    assert len(sent) == (2 if robot.rig is JUMPER else 1)
+    state, why = robot.ended()
+    assert (state, why.reason) == (OFF, 0)
+    assert robot.library.now() == 0
 
 
 @pytest.mark.parametrize("cause", [WATCHDOG, FAULT])
@@ -113,11 +125,8 @@ def test_after_a_reset_the_torque_of_every_servo_is_taken_first(robot, cause):
 
 def test_a_panic_takes_the_torque_of_all_with_packets_alone(robot):
     robot.boot()
-    before = robot.sent()
     robot.library.sv_robot_panic(ctypes.byref(ctypes.c_int32.in_dll(robot.library, "servolve_rig")))
-    sent = frames(robot.rig, robot.sent()[len(before) :])
-    _check_zeros(robot.rig, sent)
-    assert len(sent) == (2 if robot.rig is JUMPER else 1)
+    assert robot.sent() == 2 * robot.sent()[: robot.at_boot]
 
 
 def _check_zeros(rig, sent):

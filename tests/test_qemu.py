@@ -229,6 +229,11 @@ def torque_off():
     return dxl.encode(0xFE, 0x83, bytes([64, 0, 1, 0]) + b"".join(bytes([servo, 0]) for servo in ids))
 
 
+def test_the_lamp_takes_the_torque_at_boot_before_anything_else(lamp):
+    run_to(lamp, "sv_hal_wait")
+    assert heard(lamp) == torque_off()
+
+
 def resets_told(machine):
     told = ConsoleDecoder(shape_of(XC330.rig, XC330.controller)).feed(heard(machine, "console"))
     return [record.reset for record in told if isinstance(record, Hello)]
@@ -237,6 +242,7 @@ def resets_told(machine):
 def test_a_jump_into_nothing_takes_the_torque_of_the_lamp(lamp):
     """The debugger sends the program where no code is: torque off goes out for every servo, thrice, then all anew."""
     run_to(lamp, "sv_hal_wait")
+    assert heard(lamp) == torque_off()
     lamp.stub.write_register(PC, 0xA0000000)
     run_to(lamp, "sv_hal_init")
     assert heard(lamp) == torque_off() * 3
@@ -248,6 +254,7 @@ def test_a_jump_into_nothing_takes_the_torque_of_the_lamp(lamp):
 def test_a_hung_main_loop_takes_the_torque_of_the_lamp(lamp):
     """The debugger turns a function into an endless loop: the tick notices, and the same packets go out."""
     run_to(lamp, "sv_hal_wait")
+    assert heard(lamp) == torque_off()
     address = lamp.symbol("sv_hal_read").address
     was = lamp.stub.read_memory(address, 2)
     lamp.stub.write_memory(address, b"\xfe\xe7")  # b .

@@ -27,6 +27,10 @@ class FirmwareBench:
     A wait ends when servos have answered, or when its time is over. Sensor lines, a person's words and inputs are
     handed over with that; `restless` firmware is woken for every sensor line as well, as a board is by interrupts.
 
+    A rig at time 0 has been switched on together with its board. Its clock begins when the board waits for the first
+    time: what that has sent before met servos that were booting, and is no part of the run. On a rig whose time has
+    begun only the board boots, and the servos hear all of it.
+
     Args:
         rig: the virtual rig
         firmware: the image; the caller closes it
@@ -80,7 +84,8 @@ class FirmwareBench:
         Args:
             taken: from `wake`
         """
-        for frame in taken.bus:
+        heard = taken.boot + taken.bus if self._boot_ns > 0 else taken.bus
+        for frame in heard:
             self.flush()
             if self._tap:
                 self._tap("tx", self.now, frame)

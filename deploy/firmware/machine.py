@@ -33,11 +33,13 @@ class Taken:
         until_us: to when it waits, if nothing comes [us]
         bus: packets that it has sent to the servos, in order
         console: bytes of answers and log
+        boot: packets that it has sent to the servos before its first wait, in order; of the first call alone
     """
 
     until_us: int
     bus: tuple[bytes, ...] = ()
     console: bytes = b""
+    boot: tuple[bytes, ...] = ()
 
 
 class Firmware(Protocol):
@@ -50,7 +52,7 @@ class Firmware(Protocol):
         """Wake the image and let it work until it waits.
 
         The first call boots the image, lets it come to its first wait, and wakes it there with what is given; what it
-        does before and after is returned together.
+        does before and after is returned together, but for the packets of its boot.
 
         Args:
             given: what has come since the last call

@@ -154,15 +154,16 @@ class Qemu:
         Raises:
             RunError: the image has died or does not come to wait
         """
+        boot: tuple[bytes, ...] = ()
         if self._lr is None:
             self.stub.run_after([self._world(Given(0))])
             self._come_to_wait()
+            boot = self._take_packets()
         until = self._wake(given)
-        bus, console = self._cut(bytes(self._sent["bus"])), bytes(self._sent["console"])
+        bus, console = self._take_packets(), bytes(self._sent["console"])
         for sent in self._sent.values():
             sent.clear()
-        self._sizes.clear()
-        return Taken(until, bus, console)
+        return Taken(until, bus, console, boot)
 
     def close(self) -> None:
         """End the emulator, whatever state it is in; a second call does nothing."""
@@ -238,14 +239,17 @@ class Qemu:
                     break
                 self._sent[line] += data
 
-    def _cut(self, data: bytes) -> tuple[bytes, ...]:
-        """Cut what left the bus's UART into the packets that were handed to it."""
+    def _take_packets(self) -> tuple[bytes, ...]:
+        """Cut what has left the bus's UART into the packets that were handed to it."""
+        data = bytes(self._sent["bus"])
         packets, begin = [], 0
         for size in self._sizes:
             packets.append(data[begin : begin + size])
             begin += size
         if begin != len(data):
             raise RunError(f"{begin} bytes were handed to the bus and {len(data)} left it; the board's HAL is wrong")
+        self._sent["bus"].clear()
+        self._sizes.clear()
         return tuple(packet for packet in packets if packet)
 
     def _forget_unsent(self) -> None:

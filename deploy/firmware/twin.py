@@ -89,14 +89,15 @@ class TwinProcess:
             RunError: it has died, or does not come to wait
         """
         self._sent = 0
+        boot: list[bytes] = []
         bus: list[bytes] = []
         console = bytearray()
         if not self._booted:
             self._booted = True
-            self._until_it_waits(bus, console)
+            self._until_it_waits(boot, console)
         self._answer(given)
         until_us = self._until_it_waits(bus, console)
-        return Taken(until_us, tuple(bus), bytes(console))
+        return Taken(until_us, tuple(bus), bytes(console), tuple(boot))
 
     def close(self) -> None:
         """End the process; a twin whose input has ended goes by itself."""

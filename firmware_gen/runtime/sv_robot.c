@@ -176,6 +176,8 @@ void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_
   robot->wish = wish;
   robot->counts = none;
   sv_forget(robot);
+  // whatever has reset the board, servos may bear the torque of a run that nobody ends any more
+  sv_robot_panic(SV_RIG(robot));
   sv_log_hello(robot);
   if (cause != SV_RESET_POWER) {
     (void)sv_because(&robot->watch, SV_REASON_RESET, SV_NOBODY, cause, 0);

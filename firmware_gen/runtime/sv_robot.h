@@ -83,8 +83,9 @@ typedef struct {
   sv_bus bus;
 } sv_robot;
 
-// Set up, with what the controller's selftest returned, its fingerprint and its memory; say hello on the console; after
-// a reset by watchdog or fault handler, first take the torque of every servo.
+// Set up, with what the controller's selftest returned, its fingerprint and its memory: take the torque of every servo
+// without waiting for anybody, say hello on the console; after a reset by watchdog or fault handler, see that it is
+// off.
 void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_t program, float* registers,
                    float* memory);
 
