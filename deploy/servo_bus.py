@@ -14,6 +14,7 @@ the SDKs share:
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -27,7 +28,8 @@ from deploy.port import SerialPort
 LATE_S_MAX: Final = 0.25
 """A reply that has not come by then will not come: longer than any adapter holds bytes back. An estimate."""
 
-_EXTRA_MAX: Final = 7
+_LENGTHS: Final = 8
+"""Lengths that the same data may be asked for in."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class ServoBus(ABC):
     def __init__(self, port: SerialPort, return_delay_s: float = 0.0) -> None:
         self.port = port
         self.return_delay_s = return_delay_s
-        self._late: dict[tuple[int, int], float] = {}
+        self._lost = [-math.inf] * _LENGTHS  # when a reply was last lost, by its length modulo these
         self._silent: set[int] = set()
         self._strays: dict[int, int] = {}
 
@@ -141,7 +143,7 @@ class ServoBus(ABC):
             address: first byte
             length: bytes
         """
-        asked = self._unlike_late([servo], length)
+        asked = self._unlike_late(length)
         reply = self._ask(servo, asked, lambda: self._send_read(servo, address, asked))
         if reply.status == "refused" and asked != length:  # there is nothing behind the block
             reply = self._ask(servo, length, lambda: self._send_read(servo, address, length))
@@ -251,7 +253,7 @@ class ServoBus(ABC):
             return self._receive([servo], length)[servo]
 
     def _sync_read_once(self, servos: Sequence[int], address: int, length: int) -> dict[int, Reply]:
-        asked = self._unlike_late(servos, length)
+        asked = self._unlike_late(length)
         with self._transaction():
             if not self._send_sync_read(servos, address, asked):
                 return {servo: Reply(servo, "missing", b"", 0, self.port.now()) for servo in servos}
@@ -268,18 +270,15 @@ class ServoBus(ABC):
             if self.port.is_open:
                 self.port.end_transaction()
 
-    def _unlike_late(self, servos: Sequence[int], length: int) -> int:
+    def _unlike_late(self, length: int) -> int:
         """Return how many bytes to ask for, so that no reply that is still missing could pass for the answer.
 
         The protocols number nothing, but a reply has the length that was asked for: after a lost reply the next
-        question asks for one byte more.
+        questions ask for other lengths.
         """
-        now = self.port.now()
-        self._late = {key: until for key, until in self._late.items() if until > now}
-        lengths = range(length, length + _EXTRA_MAX + 1)
-        free = (asked for asked in lengths if not any((servo, asked) in self._late for servo in servos))
-        oldest = min(lengths, key=lambda asked: max(self._late.get((servo, asked), 0.0) for servo in servos))
-        return next(free, oldest)
+        expired = self.port.now() - LATE_S_MAX
+        lengths = range(length, length + _LENGTHS)
+        return min(lengths, key=lambda asked: max(self._lost[asked % _LENGTHS], expired))
 
     def _receive(self, servos: Sequence[int], length: int) -> dict[int, Reply]:
         """Collect the replies of servos, of length data bytes each, until all, the last one, or the deadline."""
@@ -309,7 +308,7 @@ class ServoBus(ABC):
                 status: Literal["corrupt", "missing"] = "corrupt" if corrupt else "missing"
                 late = not corrupt and port.strays > self._strays.get(servo, 0)
                 replies[servo] = Reply(servo, status, b"", 0, port.now(), late=late)
-                self._late[servo, length] = port.now() + LATE_S_MAX
+                self._lost[length % _LENGTHS] = port.now()
             self._strays[servo] = port.strays
         return replies
 

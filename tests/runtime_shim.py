@@ -124,9 +124,8 @@ class Bus:
             _BYTES(lambda _, data, size: line.send(ctypes.string_at(data, size))),
         )
         self._data = ctypes.create_string_buffer(DATA_MAX)
-        self._runtime.open(
-            PROTOCOLS[protocol], baud, return_delay_us, patience_us, fast, len(self.ids), bytes(self.ids)
-        )
+        settings = (PROTOCOLS[protocol], baud, return_delay_us, patience_us, fast)
+        self._call("open", *settings, len(self.ids), bytes(self.ids))
 
     @property
     def strays(self):

@@ -32,7 +32,7 @@ _FIRMWARE: Final = {
 }
 
 _EXTRA: Final = 7
-"""`SV_EXTRA_MAX` of `runtime/sv_bus_late.h`: bytes more than wanted that the bus may ask for."""
+"""`SV_LENGTHS` of `runtime/sv_bus.h` less one: bytes more than wanted that the bus may ask for."""
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,6 @@ void sv_bus_init(sv_bus* bus, const sv_rig* rig) {
   bus->rig = rig;
   bus->nreceived = 0;
   bus->nframe = 0;
-  bus->nlate = 0;
   bus->silent = 0;
   bus->whole = 0;
   bus->strays = 0;
@@ -106,6 +105,7 @@ void sv_bus_init(sv_bus* bus, const sv_rig* rig) {
   bus->deadline_us = 0;
   bus->patience_us = rig->patience_us;
   bus->nbyte = 0;
+  sv_bus_forget_late(bus);
 }
 
 // Wait for one joint's reply of `size` data bytes, if the question was sent: => the first `wanted` of them.
@@ -135,7 +135,7 @@ sv_reply sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model) {
 }
 
 sv_reply sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, uint8_t* data) {
-  const int32_t asked = sv_bus_unlike_late(bus, 1U << joint, size);
+  const int32_t asked = sv_bus_unlike_late(bus, size);
   sv_reply reply = sv_answer(bus, sv_send_read(bus, joint, address, asked), joint, asked, size, data);
   if (reply.status == SV_REPLY_REFUSED && asked != size) {  // there is nothing behind the block
     reply = sv_answer(bus, sv_send_read(bus, joint, address, size), joint, size, size, data);
@@ -162,11 +162,7 @@ static uint32_t sv_missing(const sv_bus* bus, const sv_reply* replies) {
 // Ask joints for `size` data bytes and perhaps a few more: => replies, data (by joint).
 static void sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address, int32_t size, sv_reply* replies,
                               uint8_t* data) {
-  uint32_t joints = 0;
-  for (int32_t i = 0; i < asked->n; i++) {
-    joints |= 1U << asked->joints[i];
-  }
-  asked->size = sv_bus_unlike_late(bus, joints, size);
+  asked->size = sv_bus_unlike_late(bus, size);
   if (sv_send_sync_read(bus, asked, address)) {
     sv_bus_receive(bus, asked, size, replies, data);
     return;
@@ -207,7 +203,7 @@ static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, 
 
 // Ask for one packet of all: none comes where one servo is silent, so who is missing is asked in turn.
 static uint32_t sv_sync_read_fast(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
-  sv_asked all = {{0}, SV_RIG(bus)->njoint, 0, 1, size + SV_EXTRA_MAX};
+  sv_asked all = {{0}, SV_RIG(bus)->njoint, 0, 1, size + SV_LENGTHS - 1};
   for (int32_t joint = 0; joint < all.n; joint++) {
     all.joints[joint] = (uint8_t)joint;
   }

@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define SV_LATE_MAX 32  // lost replies that are remembered
+#define SV_LENGTHS 8  // lengths that the same data may be asked for in
 
 typedef enum {
   SV_REPLY_DATA = 0,
@@ -34,18 +34,10 @@ typedef struct {
   uint32_t t_us;   // when it had been read, or was given up
 } sv_reply;
 
-// Replies of `size` bytes that were lost together.
-typedef struct {
-  uint16_t size;      // data bytes that were asked for
-  uint16_t joints;    // a bit each
-  uint32_t until_us;  // they will not come after this; wraps
-} sv_late;
-
 typedef struct {
   const sv_rig* rig;
   int32_t nreceived;
   int32_t nframe;
-  int32_t nlate;
   uint32_t silent;        // by joint: asked last, where it keeps nobody waiting
   int32_t whole;          // whether everybody answered the last sync read
   int32_t strays;         // bytes that answered nothing that was asked
@@ -56,7 +48,7 @@ typedef struct {
   int32_t patience_us;
   uint32_t nbyte;  // bytes sent and received
   int32_t strays_seen[SV_JOINT_MAX];
-  sv_late late[SV_LATE_MAX];
+  uint32_t lost_us[SV_LENGTHS];    // when a reply was last lost, by its data bytes modulo SV_LENGTHS
   uint8_t received[SV_FRAME_MAX];  // bytes of the transaction that are not used yet
   uint8_t frame[SV_FRAME_MAX];     // what has been sent last
 } sv_bus;

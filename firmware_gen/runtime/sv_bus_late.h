@@ -1,7 +1,7 @@
 // Lost replies: they may still come, and must not pass for the answer to another question.
 //
 // Nothing in the protocols is numbered, but a reply has the length that was asked for: after a lost reply the next
-// question asks for a byte more.
+// questions ask for other lengths.
 
 #ifndef SV_BUS_LATE_H_
 #define SV_BUS_LATE_H_
@@ -14,13 +14,14 @@
 extern "C" {
 #endif
 
-#define SV_EXTRA_MAX 7  // bytes more than wanted that are asked for
+// Start with no reply lost.
+void sv_bus_forget_late(sv_bus* bus);
 
-// Note that replies of `size` bytes of some joints (a bit each) were lost.
-void sv_bus_remember_late(sv_bus* bus, uint32_t joints, int32_t size);
+// Note that replies of `size` bytes were lost.
+void sv_bus_remember_late(sv_bus* bus, int32_t size);
 
-// Return how many bytes to ask some joints for, `size` or more, so that no lost reply could pass for the answer.
-int32_t sv_bus_unlike_late(const sv_bus* bus, uint32_t joints, int32_t size);
+// Return how many bytes to ask for, `size` or a few more, so that no lost reply could pass for the answer.
+int32_t sv_bus_unlike_late(const sv_bus* bus, int32_t size);
 
 #ifdef __cplusplus
 }

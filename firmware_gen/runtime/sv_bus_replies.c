@@ -229,18 +229,18 @@ void sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t wanted, sv_reply
                                  : sv_collect(bus, asked, wanted, replies, data, &corrupt);
   // what was read and not used was part of a transaction that is over
   bus->nreceived = 0;
-  uint32_t lost = 0;
+  int32_t lost = 0;
   for (int32_t i = 0; i < asked->n; i++) {
     const int32_t joint = asked->joints[i];
     if ((answered >> joint & 1U) == 0) {
-      lost |= 1U << joint;
+      lost = 1;
       sv_reply* reply = replies + (joint - asked->first);
       *reply = sv_bus_no_reply(corrupt ? SV_REPLY_CORRUPT : SV_REPLY_MISSING);
       reply->late = !corrupt && bus->strays > bus->strays_seen[joint];
     }
     bus->strays_seen[joint] = bus->strays;
   }
-  if (lost != 0) {
-    sv_bus_remember_late(bus, lost, asked->size);
+  if (lost) {
+    sv_bus_remember_late(bus, asked->size);
   }
 }
