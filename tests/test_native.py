@@ -20,6 +20,7 @@ from controller.lowering import lower
 from controller.native import NativeProgram, pack_program
 from controller.schedule import TransactionKind
 from controller.text import parse
+from firmware_gen.projects.rig_sizes import OUTPUT_KINDS
 
 CONTROLLER = Path(library.__file__).parent
 RUNTIME = CONTROLLER / "runtime"
@@ -66,13 +67,14 @@ def test_bounds_and_kinds_are_those_of_the_headers():
     text = "".join(
         (RUNTIME / name).read_text() for name in ("sv_sizes.h", "sv_program.h", "sv_cycle.h", "sv_schedule.h")
     )
-    defined = {name: int(value) for name, value in re.findall(r"#define SV_(\w+) (\d+)", text)}
+    defined = {name: int(value) for name, value in re.findall(r"#define SV_(\w+_MAX) (\d+)", text)}
     assert defined == {
         "INPUT_MAX": verifier.INPUT_MAX,
         "OUTPUT_MAX": verifier.OUTPUT_MAX,
         "INSTRUCTION_MAX": verifier.INSTRUCTION_MAX,
         "CONSTANT_MAX": verifier.CONSTANT_MAX,
         "STATE_MAX": verifier.STATE_MAX,
+        "COUNT_MAX": 2**30,
         "RAW_MAX": 128,
         "HEALTH_MAX": library.HEALTH_MAX,
         "TRANSACTION_MAX": library.TRANSACTION_MAX,
@@ -81,6 +83,11 @@ def test_bounds_and_kinds_are_those_of_the_headers():
     enums = dict(re.findall(r"SV_(\w+) = (\d+)", text))
     for kind in terminals.TerminalKind:
         assert int(enums[f"TERMINAL_{kind.name}"]) == kind
+    # simulator and host leave no kind out
+    kinds = {name: int(bits, 16) for name, bits in re.findall(r"#define SV_(\w+_KINDS) 0x(\w+)U", text)}
+    assert kinds["TERMINAL_KINDS"] == sum(1 << kind for kind in terminals.TerminalKind)
+    assert kinds["OUTPUT_KINDS"] == 1 << int(enums["OUTPUT_POSITION"]) | 1 << int(enums["OUTPUT_VELOCITY"])
+    assert [OUTPUT_KINDS[int(enums[f"OUTPUT_{kind.upper()}"])] for kind in OUTPUT_KINDS] == list(OUTPUT_KINDS)
     for transaction in TransactionKind:
         assert int(enums[transaction.name]) == transaction
 

@@ -2,9 +2,10 @@
 
 #include "sv_math.h"
 
-#define SV_COUNT_MAX 1073741824  // 2^30: sums and differences of two counts stay in 32 bits
+#define SV_HAS(kinds, kind) (((kinds) >> (kind) & 1U) != 0U)
 
 static const float kGoalRadius = 0.015F;  // [m]
+static const float kWhole = 8388608.0F;   // 2^23: floats from here on are whole
 static const float kPi = 3.14159274F;
 static const float kHalfPi = 1.57079637F;
 
@@ -12,25 +13,17 @@ static int32_t sv_clamp_count(int32_t count, int32_t low, int32_t high) {
   return count < low ? low : (count > high ? high : count);
 }
 
-// Round half to even, saturate at +-SV_COUNT_MAX; NaN => 0.
-static int32_t sv_round(float x) {
-  if (x != x) {
-    return 0;
+int32_t sv_round(float x) {
+  if (!(x < (float)SV_COUNT_MAX && x > -(float)SV_COUNT_MAX)) {
+    return x > 0.0F ? SV_COUNT_MAX : (x < 0.0F ? -SV_COUNT_MAX : 0);
   }
-  if (x >= (float)SV_COUNT_MAX) {
-    return SV_COUNT_MAX;
+  if (x >= kWhole || x <= -kWhole) {
+    return (int32_t)x;
   }
-  if (x <= -(float)SV_COUNT_MAX) {
-    return -SV_COUNT_MAX;
-  }
-  int32_t whole = (int32_t)x;
-  const float part = x - (float)whole;
-  if (part > 0.5F || (part == 0.5F && whole % 2 != 0)) {
-    whole++;
-  } else if (part < -0.5F || (part == -0.5F && whole % 2 != 0)) {
-    whole--;
-  }
-  return whole;
+  // a sum with 2^23 has no bits left for a part
+  const float shift = x < 0.0F ? -kWhole : kWhole;
+  const float sum = x + shift;
+  return (int32_t)(sum - shift);
 }
 
 static int32_t sv_is_finite(float x) { return x - x == 0.0F; }
@@ -196,7 +189,7 @@ static float sv_follow(const sv_cycle* cycle, float held, float target) {
 
 // whether a velocity would carry a limited joint beyond its limits within this period
 static int32_t sv_is_beyond(const sv_cycle* cycle, const sv_output* output, float velocity, const int32_t* raw) {
-  if (output->kind != SV_OUTPUT_VELOCITY || output->angle.channel < 0) {
+  if (!SV_HAS(SV_OUTPUT_KINDS, SV_OUTPUT_VELOCITY) || output->kind != SV_OUTPUT_VELOCITY || output->angle.channel < 0) {
     return 0;
   }
   const float way = velocity * cycle->period_s;
@@ -233,7 +226,7 @@ void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* s
         terminals[i] = state->goal_met ? 1.0F : 0.0F;
         break;
       case SV_TERMINAL_HEADING_ERROR:
-        terminals[i] = sv_direction(px, py);
+        terminals[i] = SV_HAS(SV_TERMINAL_KINDS, SV_TERMINAL_HEADING_ERROR) ? sv_direction(px, py) : 0.0F;
         break;
       default:
         terminals[i] = 0.0F;

@@ -11,6 +11,8 @@
 
 #include "sv_program.h"
 
+#define SV_COUNT_MAX 1073741824  // 2^30: sums and differences of two counts stay in 32 bits
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -86,6 +88,9 @@ void sv_cycle_reset(const sv_cycle* cycle, sv_cycle_state* state, float* registe
 // (noutput).
 void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* state, float* registers,
                    float* program_state, const int32_t* raw, float* terminals, float* outputs, int32_t* goal_counts);
+
+// Round half to even, saturate at +-SV_COUNT_MAX; NaN => 0.
+int32_t sv_round(float x);
 
 // Encode an SI value as counts, round half to even, as a sensor with this terminal's scale would: SI => raw.
 int32_t sv_encode(const sv_terminal* terminal, float value);

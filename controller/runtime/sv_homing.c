@@ -1,22 +1,12 @@
 #include "sv_homing.h"
 
+#include "sv_cycle.h"
+
 static const float kPi = 3.14159274F;
 static const float kTwoPi = 6.28318548F;
 static const float kApproach = 4.0F;  // speed by distance [1/s]: slower over the last quarter of a second
 static const float kNear = 0.08F;     // how near to neutral is near enough [rad]
 static const float kMicro = 1.0e-6F;
-
-// Round half to even, |x| < 2^30.
-static int32_t sv_round_even(float x) {
-  int32_t whole = (int32_t)x;
-  const float part = x - (float)whole;
-  if (part > 0.5F || (part == 0.5F && whole % 2 != 0)) {
-    whole++;
-  } else if (part < -0.5F || (part == -0.5F && whole % 2 != 0)) {
-    whole--;
-  }
-  return whole;
-}
 
 static float sv_limit(float x, float limit) { return x > limit ? limit : (x < -limit ? -limit : x); }
 
@@ -58,7 +48,7 @@ static float sv_away(const sv_axis* axis, int32_t count) {
   }
   // whole turns go first, as counts
   const float scale = axis->angle_scale < 0.0F ? -axis->angle_scale : axis->angle_scale;
-  const int32_t turn = sv_round_even(kTwoPi / scale);
+  const int32_t turn = sv_round(kTwoPi / scale);
   const float angle = (float)((count - axis->zero) % turn) * axis->angle_scale;
   float away = axis->neutral_rad - angle;
   while (away > kPi) {
@@ -77,7 +67,7 @@ int32_t sv_homing_near(const sv_axis* axis, int32_t count) {
 
 int32_t sv_homing_speed(const sv_axis* axis, int32_t count, float rate_rad_s) {
   const float wanted = sv_limit(kApproach * sv_away(axis, count), rate_rad_s);
-  return sv_round_even(sv_limit(wanted, axis->speed_max) / axis->speed_scale);
+  return sv_round(sv_limit(wanted, axis->speed_max) / axis->speed_scale);
 }
 
 int32_t sv_speed_inside(const sv_axis* axis, int32_t count, int32_t speed, int32_t age_us, int32_t period_us) {
@@ -92,4 +82,4 @@ int32_t sv_speed_inside(const sv_axis* axis, int32_t count, int32_t speed, int32
   return (rate > 0.0F && end > axis->high_rad) || (rate < 0.0F && end < axis->low_rad) ? 0 : speed;
 }
 
-int32_t sv_derate(int32_t ceiling, float part) { return sv_round_even((float)ceiling * part); }
+int32_t sv_derate(int32_t ceiling, float part) { return sv_round((float)ceiling * part); }

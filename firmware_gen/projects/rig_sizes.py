@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from controller import Controller
+from controller.cycle import resolve_cycle
 from controller.registers import registers
 from controller.rig import Rig
 from controller.schedule import schedule_of
@@ -31,6 +32,9 @@ _FIRMWARE: Final = {
     "frame": "bytes of the longest packet, stuffing included",
 }
 
+OUTPUT_KINDS: Final = ("position", "velocity")
+"""Kinds of outputs in the order of `sv_output_kind` of `controller/runtime/sv_cycle.h`."""
+
 _EXTRA: Final = 7
 """`SV_LENGTHS` of `runtime/sv_bus.h` less one: bytes more than wanted that the bus may ask for."""
 
@@ -51,6 +55,8 @@ class Sizes:
         message: letters that its lines have
         block: bytes of the longest block that is read at once
         frame: bytes of the longest packet, stuffing included
+        terminal_kinds: kinds of terminals that the controller reads, `1 << sv_terminal_kind` each
+        output_kinds: kinds of its outputs, `1 << sv_output_kind` each
     """
 
     input: int
@@ -64,6 +70,8 @@ class Sizes:
     message: int
     block: int
     frame: int
+    terminal_kinds: int
+    output_kinds: int
 
 
 def sizes_of(rig: Rig, controller: Controller) -> Sizes:
@@ -74,6 +82,7 @@ def sizes_of(rig: Rig, controller: Controller) -> Sizes:
         controller: the controller
     """
     njoint = len(rig.joints)
+    cycle = resolve_cycle(controller, rig)
     schedule = schedule_of(rig)
     blocks = [schedule.state, *schedule.health, *(block for joint in rig.joints for block in table_blocks(joint))]
     block = max(size for _, size in blocks)
@@ -89,6 +98,8 @@ def sizes_of(rig: Rig, controller: Controller) -> Sizes:
         message=max(len({sensor.message for sensor in rig.sensors}), 1),
         block=block,
         frame=_frame(rig, block),
+        terminal_kinds=_bits(terminal.kind for terminal in cycle.terminals),
+        output_kinds=_bits(OUTPUT_KINDS.index(output.kind) for output in cycle.outputs),
     )
 
 
@@ -103,6 +114,12 @@ def sizes_files(sizes: Sizes, rig: Rig, fast_sync_read: bool = False) -> dict[st
     Returns:
         name => text of `sv_sizes.h`, which all code shares, and of `sv_rig_sizes.h`, which is the firmware's
     """
+    cycle_kinds = [
+        "// kinds that its cycle has, a bit each: those that are absent cost no code",
+        f"#define SV_TERMINAL_KINDS 0x{sizes.terminal_kinds:X}U",
+        f"#define SV_OUTPUT_KINDS 0x{sizes.output_kinds:X}U",
+        "",
+    ]
     kinds = [
         "// what is known of the rig costs no code for the other cases",
         "#define SV_RIG(holder) ((void)(holder), &servolve_rig)",
@@ -112,7 +129,7 @@ def sizes_files(sizes: Sizes, rig: Rig, fast_sync_read: bool = False) -> dict[st
         "",
     ]
     return {
-        "sv_sizes.h": _header("SV_SIZES_H_", sizes, _SHARED, []),
+        "sv_sizes.h": _header("SV_SIZES_H_", sizes, _SHARED, cycle_kinds),
         "sv_rig_sizes.h": _header("SV_RIG_SIZES_H_", sizes, _FIRMWARE, kinds),
     }
 
@@ -135,6 +152,10 @@ def _header(guard: str, sizes: Sizes, comments: Mapping[str, str], kinds: Sequen
             "",
         ]
     )
+
+
+def _bits(numbers: Iterable[int]) -> int:
+    return sum(1 << number for number in set(numbers))
 
 
 def _frame(rig: Rig, block: int) -> int:

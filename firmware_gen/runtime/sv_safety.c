@@ -1,5 +1,7 @@
 #include "sv_safety.h"
 
+#include "sv_math.h"
+
 // the numbers of deploy/safety.py, where each is explained
 #define SV_PERSISTENT 3
 #define SV_POOR_MAX 10
@@ -191,31 +193,19 @@ int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, uint32_t now_us, con
   return 0;
 }
 
-// Return a cosine that is right to 1e-4, from half the angle's: enough to tell lying from standing.
-static float sv_rough_cos(float x) {
-  const float turns = x * 0.159154943F;
-  if (!(turns < 1.0e6F && turns > -1.0e6F)) {
-    return 1.0F;  // no angle
-  }
-  const float angle = x - 6.28318531F * (float)(int32_t)(x < 0.0F ? turns - 0.5F : turns + 0.5F);
-  const float z = 0.25F * angle * angle;
-  const float half = 1.0F - z * (0.5F - z * (0.0416666667F - z * (0.00138888889F - z * 2.48015873e-05F)));
-  return 2.0F * half * half - 1.0F;
-}
-
 // Return the angle in 0..pi that has a cosine [mrad].
 static int32_t sv_rough_acos(float cosine) {
   float angle = 0.0F;
   for (float step = 1.57079633F; step > 5.0e-4F; step = 0.5F * step) {
-    angle = sv_rough_cos(angle + step) > cosine ? angle + step : angle;
+    angle = sv_cos(angle + step) > cosine ? angle + step : angle;
   }
   return sv_milli(angle);
 }
 
 int32_t sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitch) {
   const float most = rig->safety.tilt_rad_max;
-  const float cosine = sv_rough_cos(roll) * sv_rough_cos(pitch);
-  watch->tilted = most > 0.0F && cosine < sv_rough_cos(most) ? watch->tilted + 1 : 0;
+  const float cosine = sv_cos(roll) * sv_cos(pitch);
+  watch->tilted = most > 0.0F && cosine < sv_cos(most) ? watch->tilted + 1 : 0;
   return watch->tilted >= SV_PERSISTENT && sv_because(watch, SV_REASON_TILT, SV_NOBODY, sv_rough_acos(cosine), 0);
 }
 
