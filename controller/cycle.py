@@ -13,7 +13,7 @@ from controller.rig import Joint, Rig
 from controller.terminals import TerminalSpec, angle_channel, joint_scale, pose_channel, resolve_terminals
 
 COUNT_MAX: Final = 1 << 30
-"""`SV_COUNT_MAX` of `runtime/sv_cycle.c`: counts saturate here, and a count at zero is below."""
+"""`SV_COUNT_MAX` of `runtime/sv_cycle.h`: counts saturate here, and a count at zero is below."""
 
 
 @dataclass(frozen=True)
