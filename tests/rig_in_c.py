@@ -70,14 +70,17 @@ class SvJoint(ctypes.Structure):
 
 class SvSensor(ctypes.Structure):
     _fields_ = (
-        ("message", c_char),
+        ("message", c_uint8),
         ("field", c_uint8),
         ("needed", c_uint8),
         ("zero", c_int32),
         ("scale", c_float),
-        ("latency_us", c_int32),
         ("age_us_max", c_int32),
     )
+
+
+class SvMessage(ctypes.Structure):
+    _fields_ = (("letter", c_char), ("width", c_uint8), ("latency_us", c_int32))
 
 
 class SvSafety(ctypes.Structure):
@@ -111,6 +114,8 @@ class SvRig(ctypes.Structure):
         ("joints", POINTER(SvJoint)),
         ("nsensor", c_int32),
         ("sensors", POINTER(SvSensor)),
+        ("nmessage", c_int32),
+        ("messages", POINTER(SvMessage)),
         ("roll", c_int32),
         ("pitch", c_int32),
         ("schedule", SvSchedule),

@@ -19,6 +19,8 @@ typedef struct {
   sv_rig rig;
   sv_joint joints[SV_JOINT_MAX];
   sv_sensor sensors[SV_SENSOR_MAX];
+  sv_message messages[SV_MESSAGE_MAX];
+  int32_t raw[SV_SENSOR_MAX];
   sv_bus bus;
   sv_lines lines;
   sv_reply replies[SV_JOINT_MAX];
@@ -41,9 +43,10 @@ int32_t shim_read_register(shim* s, int32_t joint, int32_t address, int32_t size
 int32_t shim_write_register(shim* s, int32_t joint, int32_t address, int32_t size, int32_t encoding, int32_t count);
 int32_t shim_decode(int32_t size, int32_t encoding, const uint8_t* data);
 void shim_encode(int32_t size, int32_t encoding, int32_t count, uint8_t* data);
-void shim_sensors(shim* s, int32_t n, const char* messages, const uint8_t* fields, const int32_t* latencies_us);
+void shim_message(shim* s, char letter, int32_t width, int32_t latency_us);
+void shim_sensor(shim* s, int32_t message, int32_t field);
 void shim_feed(shim* s, const uint8_t* bytes, int32_t n, uint32_t now_us);
-int32_t shim_raw(const shim* s, int32_t sensor, int32_t* raw);
+int32_t shim_raw(const shim* s, int32_t sensor);
 int32_t shim_age_us(const shim* s, int32_t sensor, uint32_t now_us);
 int32_t shim_stopped(const shim* s);
 
@@ -130,25 +133,26 @@ void shim_encode(int32_t size, int32_t encoding, int32_t count, uint8_t* data) {
   sv_register_encode(&reg, count, data);
 }
 
-void shim_sensors(shim* s, int32_t n, const char* messages, const uint8_t* fields, const int32_t* latencies_us) {
-  s->rig.nsensor = n;
+void shim_message(shim* s, char letter, int32_t width, int32_t latency_us) {
+  const sv_message message = {letter, (uint8_t)width, latency_us};
+  s->messages[s->rig.nmessage++] = message;
+  s->rig.messages = s->messages;
+}
+
+void shim_sensor(shim* s, int32_t message, int32_t field) {
+  s->sensors[s->rig.nsensor].message = (uint8_t)message;
+  s->sensors[s->rig.nsensor++].field = (uint8_t)field;
   s->rig.sensors = s->sensors;
-  for (int32_t i = 0; i < n; i++) {
-    s->sensors[i].message = messages[i];
-    s->sensors[i].field = fields[i];
-    s->sensors[i].latency_us = latencies_us[i];
-  }
-  sv_lines_init(&s->lines, &s->rig);
 }
 
 void shim_feed(shim* s, const uint8_t* bytes, int32_t n, uint32_t now_us) {
-  sv_lines_feed(&s->lines, &s->rig, bytes, n, now_us);
+  sv_lines_feed(&s->lines, &s->rig, bytes, n, now_us, s->raw);
 }
 
-int32_t shim_raw(const shim* s, int32_t sensor, int32_t* raw) { return sv_lines_raw(&s->lines, sensor, raw); }
+int32_t shim_raw(const shim* s, int32_t sensor) { return s->raw[sensor]; }
 
 int32_t shim_age_us(const shim* s, int32_t sensor, uint32_t now_us) {
-  return sv_lines_age_us(&s->lines, sensor, now_us);
+  return sv_lines_age_us(&s->lines, &s->rig, sensor, now_us);
 }
 
 int32_t shim_stopped(const shim* s) { return s->lines.emergency_stop; }

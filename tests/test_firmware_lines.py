@@ -35,18 +35,20 @@ class Lines:
         self.sensors = sensors
         self.host = SensorReader(sensors)
         self._firmware = Runtime(library)
-        letters = "".join(sensor.message for sensor in sensors).encode()
-        latencies = [round(1e6 * sensor.latency_s) for sensor in sensors]
-        fields = bytes(sensor.field for sensor in sensors)
-        self._firmware.sensors(len(sensors), letters, fields, (ctypes.c_int32 * len(sensors))(*latencies))
+        letters = sorted({sensor.message for sensor in sensors})
+        for letter in letters:
+            of_letter = [sensor for sensor in sensors if sensor.message == letter]
+            width = 1 + max(sensor.field for sensor in of_letter)
+            self._firmware.message(ctypes.c_char(letter.encode()), width, round(1e6 * of_letter[-1].latency_s))
+        for sensor in sensors:
+            self._firmware.sensor(letters.index(sensor.message), sensor.field)
 
     def feed(self, data, now_us):
         self.host.feed(data, 1e-6 * now_us)
         self._firmware.feed(data, len(data), ctypes.c_uint32(now_us))
 
     def raw(self, sensor):
-        count = ctypes.c_int32()
-        return count.value if self._firmware.raw(sensor, ctypes.byref(count)) else None
+        return self._firmware.raw(sensor) if self.age_us(sensor, 0) != -1 else None
 
     def age_us(self, sensor, now_us):
         return self._firmware.age_us(sensor, ctypes.c_uint32(now_us))

@@ -163,13 +163,21 @@ def test_settings_are_written_in_the_host_loops_order(built):
 
 def test_sensors_are_the_rigs_and_those_that_are_needed_are_known(built):
     rig, controller, data, _ = built
+    messages = data.messages[: data.nmessage]
     told = [
-        (s.message.decode(), s.field, s.zero, s.scale, s.latency_us, s.age_us_max) for s in data.sensors[: data.nsensor]
+        (m.letter.decode(), s.field, s.zero, s.scale, m.latency_us, s.age_us_max)
+        for s in data.sensors[: data.nsensor]
+        for m in (messages[s.message],)
     ]
     assert told == [
         (s.message, s.field, s.zero, single(s.scale), round(1e6 * s.latency_s), round(1e6 * s.age_s_max))
         for s in rig.sensors
     ]
+    widths = {m.letter.decode(): m.width for m in messages}
+    assert widths == {
+        letter: 1 + max(s.field for s in rig.sensors if s.message == letter)
+        for letter in {s.message for s in rig.sensors}
+    }
     needed = {number for number, sensor in enumerate(data.sensors[: data.nsensor]) if sensor.needed}
     assert needed == needed_sensors(rig, controller)
     names = [sensor.name for sensor in rig.sensors]

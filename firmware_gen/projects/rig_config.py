@@ -16,7 +16,7 @@ from firmware_gen.projects.fingerprints import program_fingerprint, rig_fingerpr
 from firmware_gen.projects.joint_config import joint_lines
 from firmware_gen.projects.plain import plain
 from firmware_gen.projects.rig_needs import needed_sensors
-from firmware_gen.projects.rig_sizes import PROTOCOLS
+from firmware_gen.projects.rig_sizes import PROTOCOLS, message_letters
 from firmware_gen.projects.rig_text import field_lines, float_c, microseconds, pair_c, row_lines
 from firmware_gen.transpiler.unit import Unit
 
@@ -141,8 +141,12 @@ def rig_source(rig: Rig, controller: Controller, fast_sync_read: bool = False) -
     ]
     lines += joint_lines(rig)
     if rig.sensors:
-        lines += ["static const sv_sensor sensors[] = {"]
-        lines += row_lines((_sensor(sensor, i in needed), plain(sensor.name)) for i, sensor in enumerate(rig.sensors))
+        lines += ["static const sv_message messages[] = {"]
+        lines += row_lines(_message(rig, letter) for letter in message_letters(rig))
+        lines += ["};", "", "static const sv_sensor sensors[] = {"]
+        lines += row_lines(
+            (_sensor(rig, sensor, i in needed), plain(sensor.name)) for i, sensor in enumerate(rig.sensors)
+        )
         lines += ["};", ""]
     return "\n".join([*lines, *_rig(rig, controller, fast_sync_read)])
 
@@ -167,6 +171,8 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
                 ("joints", "joints"),
                 ("nsensor", "SERVOLVE_NSENSOR"),
                 ("sensors", "sensors" if rig.sensors else "0"),
+                ("nmessage", len(message_letters(rig))),
+                ("messages", "messages" if rig.sensors else "0"),
                 ("roll", places["roll"] if tilt else -1),
                 ("pitch", places["pitch"] if tilt else -1),
                 ("schedule", _schedule(rig)),
@@ -204,14 +210,20 @@ def _safety(safety: Safety) -> str:
     return "\n".join(["", "        {", *(f"        {line}" for line in field_lines(values)), "        }"])
 
 
-def _sensor(sensor: Sensor, needed: bool) -> str:
+def _message(rig: Rig, letter: str) -> tuple[str, str]:
+    sensors = [sensor for sensor in rig.sensors if sensor.message == letter]
+    width = max(sensor.field for sensor in sensors) + 1
+    names = plain(" ".join(sensor.name for sensor in sensors))
+    return f"{{'{letter}', {width}, {microseconds(sensors[-1].latency_s)}}}", names
+
+
+def _sensor(rig: Rig, sensor: Sensor, needed: bool) -> str:
     values = [
-        ("message", f"'{sensor.message}'"),
+        ("message", message_letters(rig).index(sensor.message)),
         ("field", sensor.field),
         ("needed", int(needed)),
         ("zero", sensor.zero),
         ("scale", float_c(sensor.scale)),
-        ("latency_us", microseconds(sensor.latency_s)),
         ("age_us_max", microseconds(sensor.age_s_max)),
     ]
     return f"{{{', '.join(str(value) for _, value in values)}}}"

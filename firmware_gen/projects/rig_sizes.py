@@ -95,12 +95,21 @@ def sizes_of(rig: Rig, controller: Controller) -> Sizes:
         raw=rig.nraw,
         joint=njoint,
         sensor=max(len(rig.sensors), 1),
-        message=max(len({sensor.message for sensor in rig.sensors}), 1),
+        message=max(len(message_letters(rig)), 1),
         block=block,
         frame=_frame(rig, block),
         terminal_kinds=_bits(terminal.kind for terminal in cycle.terminals),
         output_kinds=_bits(OUTPUT_KINDS.index(output.kind) for output in cycle.outputs),
     )
+
+
+def message_letters(rig: Rig) -> tuple[str, ...]:
+    """Return the letters that the lines of a rig's sensor node begin with, in the order of its channels.
+
+    Args:
+        rig: the rig
+    """
+    return tuple(dict.fromkeys(sensor.message for sensor in rig.sensors))
 
 
 def sizes_files(sizes: Sizes, rig: Rig, fast_sync_read: bool = False) -> dict[str, str]:

@@ -165,7 +165,7 @@ static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
     sv_read_sensors(robot);
   }
   for (int32_t i = 0; i < rig->nsensor; i++) {
-    const int32_t age_us = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
+    const int32_t age_us = sv_lines_age_us(&robot->lines, SV_RIG(robot), i, sv_hal_now_us());
     const int32_t age_us_max = rig->sensors[i].age_us_max;
     if (age_us >= 0 && age_us <= age_us_max) {
       continue;

@@ -67,7 +67,7 @@ int32_t sv_judge_period(sv_robot* robot) {
   sv_watch* watch = &robot->watch;
   int32_t ages_us[SV_SENSOR_MAX];
   for (int32_t i = 0; i < rig->nsensor; i++) {
-    ages_us[i] = sv_lines_age_us(&robot->lines, i, sv_hal_now_us());
+    ages_us[i] = sv_lines_age_us(&robot->lines, SV_RIG(robot), i, sv_hal_now_us());
   }
   return sv_judge_replies(rig, watch, robot->replies) || sv_alerts(robot) ||
          sv_judge_encoders(rig, watch, robot->begin_us, sv_hal_now_us(), robot->replies, robot->raw) ||

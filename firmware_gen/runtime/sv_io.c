@@ -9,7 +9,7 @@
 
 void sv_forget(sv_robot* robot) {
   sv_bus_init(&robot->bus, SV_RIG(robot));
-  sv_lines_init(&robot->lines, SV_RIG(robot));
+  sv_lines_init(&robot->lines);
   sv_watch_init(&robot->watch);
   for (int32_t i = 0; i < SV_RAW_MAX; i++) {
     robot->raw[i] = 0;
@@ -27,25 +27,20 @@ static void sv_take_lines(sv_robot* robot, int32_t keep) {
       return;
     }
     if (keep) {
-      sv_lines_feed(&robot->lines, SV_RIG(robot), bytes, n, now_us);
+      sv_lines_feed(&robot->lines, SV_RIG(robot), bytes, n, now_us, robot->raw + 3 * SV_RIG(robot)->njoint);
     }
   }
 }
 
 void sv_drop_sensors(sv_robot* robot) { sv_take_lines(robot, 0); }
 
-void sv_read_sensors(sv_robot* robot) {
-  sv_take_lines(robot, 1);
-  for (int32_t i = 0; i < SV_RIG(robot)->nsensor; i++) {
-    (void)sv_lines_raw(&robot->lines, i, robot->raw + 3 * SV_RIG(robot)->njoint + i);
-  }
-}
+void sv_read_sensors(sv_robot* robot) { sv_take_lines(robot, 1); }
 
 int32_t sv_sensors_fresh(const sv_robot* robot) {
   const uint32_t now_us = sv_hal_now_us();
   for (int32_t i = 0; i < SV_RIG(robot)->nsensor; i++) {
     const sv_sensor* sensor = SV_RIG(robot)->sensors + i;
-    const int32_t age_us = sv_lines_age_us(&robot->lines, i, now_us);
+    const int32_t age_us = sv_lines_age_us(&robot->lines, SV_RIG(robot), i, now_us);
     if (sensor->needed && (age_us < 0 || age_us > sensor->age_us_max)) {
       return 0;
     }

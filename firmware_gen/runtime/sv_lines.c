@@ -2,7 +2,6 @@
 
 #include "sv_time.h"
 
-#define SV_NO_CHANNEL 255
 #define SV_SEQ_DIGITS 10
 #define SV_TIME_DIGITS 16
 #define SV_RAW_DIGITS 10
@@ -10,30 +9,11 @@
 #define SV_MEMORY_US 1000000U  // how long a difference of the clocks is remembered
 #define SV_SHARE_SHIFT 17      // differences in the same 2^17 us count as one
 
-void sv_lines_init(sv_lines* lines, const sv_rig* rig) {
+void sv_lines_init(sv_lines* lines) {
   lines->nopen = -1;
-  lines->nchannel = 0;
   lines->emergency_stop = 0;
-  for (int32_t i = 0; i < rig->nsensor; i++) {
-    const sv_sensor* sensor = rig->sensors + i;
-    int32_t place = 0;
-    while (place < lines->nchannel && lines->channels[place].message != sensor->message) {
-      place++;
-    }
-    lines->channel_of[i] = place < SV_MESSAGE_MAX ? (uint8_t)place : SV_NO_CHANNEL;
-    if (place >= SV_MESSAGE_MAX) {
-      continue;
-    }
-    sv_channel* channel = lines->channels + place;
-    if (place == lines->nchannel) {
-      lines->nchannel++;
-      channel->message = sensor->message;
-      channel->seen = 0;
-      channel->width = 0;
-      channel->ndifference = 0;
-    }
-    channel->latency_us = sensor->latency_us;
-    channel->width = channel->width > sensor->field ? channel->width : (uint8_t)(sensor->field + 1);
+  for (int32_t i = 0; i < SV_MESSAGE_MAX; i++) {
+    lines->channels[i].ndifference = 0;
   }
 }
 
@@ -63,12 +43,13 @@ static int32_t sv_skip(sv_rest* rest, uint8_t c) {
   return is;
 }
 
-// Read 1..ndigit digits: => value; return whether there were as many.
-static int32_t sv_number(sv_rest* rest, int32_t ndigit, uint64_t* value) {
-  *value = 0;
+// Read 1..ndigit digits, the last behind a number up to `most`: => value, which wraps; return whether there were as
+// many.
+static int32_t sv_number(sv_rest* rest, int32_t ndigit, uint32_t most, uint32_t* value) {
   int32_t n = 0;
-  while (n < ndigit && rest->at < rest->end && sv_is_digit(rest->text[rest->at])) {
-    *value = 10 * *value + (uint64_t)(rest->text[rest->at] - '0');
+  *value = 0;
+  while (n < ndigit && *value <= most && rest->at < rest->end && sv_is_digit(rest->text[rest->at])) {
+    *value = 10U * *value + (uint32_t)(rest->text[rest->at] - '0');
     rest->at++;
     n++;
   }
@@ -77,15 +58,15 @@ static int32_t sv_number(sv_rest* rest, int32_t ndigit, uint64_t* value) {
 
 // Read the next raw count: => count; return whether there was one.
 static int32_t sv_count(sv_rest* rest, int32_t* count) {
-  uint64_t value = 0;
+  uint32_t value = 0;
   if (!sv_skip(rest, ',')) {
     return 0;
   }
   const int32_t negative = sv_skip(rest, '-');
-  if (!sv_number(rest, SV_RAW_DIGITS, &value)) {
+  if (!sv_number(rest, SV_RAW_DIGITS, INT32_MAX / 10, &value)) {
     return 0;
   }
-  *count = (int32_t)(negative ? 0U - (uint32_t)value : (uint32_t)value);
+  *count = (int32_t)(negative ? 0U - value : value);
   return value <= (uint32_t)INT32_MAX + (uint32_t)negative;
 }
 
@@ -116,9 +97,6 @@ static int32_t sv_is_stop(const uint8_t* body, int32_t n) {
 // Forget the differences that are older than a second.
 static void sv_forget_old(sv_channel* channel, uint32_t now_us) {
   int32_t old = 0;
-  if (now_us - channel->updated_us > SV_MEMORY_US) {
-    old = channel->ndifference;
-  }
   while (old < channel->ndifference && now_us - channel->differences[old].seen_us > SV_MEMORY_US) {
     old++;
   }
@@ -145,12 +123,13 @@ static void sv_see(sv_channel* channel, int32_t above_us, uint32_t now_us) {
 }
 
 // Date a channel's new line; return whether it is another sample than the last.
-static int32_t sv_date(sv_channel* channel, uint32_t t_us, uint32_t now_us) {
-  const uint32_t difference_us = now_us - t_us - (uint32_t)channel->latency_us;
-  if (channel->seen && t_us == channel->t_us) {
+static int32_t sv_date(sv_channel* channel, int32_t latency_us, uint32_t t_us, uint32_t now_us) {
+  const uint32_t difference_us = now_us - t_us - (uint32_t)latency_us;
+  const int32_t seen = channel->ndifference > 0;
+  if (seen && t_us == channel->t_us) {
     return 0;
   }
-  const int32_t starts = !channel->seen || (int32_t)(t_us - channel->t_us) < 0;
+  const int32_t starts = !seen || (int32_t)(t_us - channel->t_us) < 0;
   // never above what was seen within a second: a smaller difference dates at once
   if (starts || (int32_t)(difference_us - channel->offset_us) < 0) {
     channel->offset_us = difference_us;
@@ -166,26 +145,25 @@ static int32_t sv_date(sv_channel* channel, uint32_t t_us, uint32_t now_us) {
   for (int32_t i = 0; i < channel->ndifference; i++) {
     channel->differences[i].above_us -= grown_us;
   }
-  channel->seen = 1;
   channel->t_us = t_us;
   channel->updated_us = now_us;
   return 1;
 }
 
-// Hold the counts of a line, (n), for its channel's sensors.
-static void sv_hold(sv_lines* lines, const sv_rig* rig, int32_t place, sv_rest rest) {
+// Hold the counts of a line for its sensors: => raw.
+static void sv_hold(const sv_rig* rig, int32_t message, sv_rest rest, int32_t* raw) {
   int32_t count = 0;
   for (int32_t field = 0; sv_count(&rest, &count); field++) {
     for (int32_t i = 0; i < rig->nsensor; i++) {
-      if (lines->channel_of[i] == place && rig->sensors[i].field == field) {
-        lines->raw[i] = count;
+      if (rig->sensors[i].message == message && rig->sensors[i].field == field) {
+        raw[i] = count;
       }
     }
   }
 }
 
 // Take a whole line, from behind its $ to before its end.
-static void sv_take_line(sv_lines* lines, const sv_rig* rig, uint32_t now_us) {
+static void sv_take_line(sv_lines* lines, const sv_rig* rig, uint32_t now_us, int32_t* raw) {
   const uint8_t* line = lines->open;
   if (!sv_is_checked(line, lines->nopen)) {
     return;
@@ -195,9 +173,9 @@ static void sv_take_line(sv_lines* lines, const sv_rig* rig, uint32_t now_us) {
     lines->emergency_stop = 1;
     return;
   }
-  uint64_t t_us = 0;
-  if (!sv_skip(&rest, ',') || !sv_number(&rest, SV_SEQ_DIGITS, &t_us) || !sv_skip(&rest, ',') ||
-      !sv_number(&rest, SV_TIME_DIGITS, &t_us)) {
+  uint32_t t_us = 0;
+  if (!sv_skip(&rest, ',') || !sv_number(&rest, SV_SEQ_DIGITS, UINT32_MAX, &t_us) || !sv_skip(&rest, ',') ||
+      !sv_number(&rest, SV_TIME_DIGITS, UINT32_MAX, &t_us)) {
     return;
   }
   const sv_rest counts = rest;
@@ -205,20 +183,21 @@ static void sv_take_line(sv_lines* lines, const sv_rig* rig, uint32_t now_us) {
   for (int32_t count = 0; sv_count(&rest, &count);) {
     ncount++;
   }
-  for (int32_t place = 0; place < lines->nchannel && rest.at == rest.end; place++) {
-    sv_channel* channel = lines->channels + place;
-    if (channel->message == line[0] && ncount >= channel->width && sv_date(channel, (uint32_t)t_us, now_us)) {
-      sv_hold(lines, rig, place, counts);
+  for (int32_t i = 0; i < rig->nmessage && rest.at == rest.end; i++) {
+    const sv_message* message = rig->messages + i;
+    if (message->letter == line[0] && ncount >= message->width &&
+        sv_date(lines->channels + i, message->latency_us, t_us, now_us)) {
+      sv_hold(rig, i, counts, raw);
     }
   }
 }
 
-void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, uint32_t now_us) {
+void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, uint32_t now_us, int32_t* raw) {
   for (int32_t i = 0; i < n; i++) {
     if (bytes[i] == '$') {
       lines->nopen = 0;
     } else if (bytes[i] == '\r' || bytes[i] == '\n') {
-      sv_take_line(lines, rig, now_us);
+      sv_take_line(lines, rig, now_us, raw);
       lines->nopen = -1;
     } else if (lines->nopen >= SV_LINE_BYTES_MAX) {
       lines->nopen = -1;
@@ -228,18 +207,7 @@ void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int
   }
 }
 
-int32_t sv_lines_raw(const sv_lines* lines, int32_t sensor, int32_t* raw) {
-  const int32_t place = lines->channel_of[sensor];
-  if (place >= lines->nchannel || !lines->channels[place].seen) {
-    return 0;
-  }
-  *raw = lines->raw[sensor];
-  return 1;
-}
-
-int32_t sv_lines_age_us(const sv_lines* lines, int32_t sensor, uint32_t now_us) {
-  const int32_t place = lines->channel_of[sensor];
-  return place < lines->nchannel && lines->channels[place].seen
-             ? sv_age_us(now_us, lines->channels[place].t_us + lines->channels[place].offset_us)
-             : -1;
+int32_t sv_lines_age_us(const sv_lines* lines, const sv_rig* rig, int32_t sensor, uint32_t now_us) {
+  const sv_channel* channel = lines->channels + rig->sensors[sensor].message;
+  return channel->ndifference > 0 ? sv_age_us(now_us, channel->t_us + channel->offset_us) : -1;
 }

@@ -33,38 +33,28 @@ typedef struct {
 
 // The newest line of one letter, and how the node's clock stands to ours.
 typedef struct {
-  char message;
-  uint8_t seen;         // whether a line has come
-  uint8_t width;        // integers that a line must have
-  int32_t latency_us;   // from a sample to its line's last byte
-  uint32_t t_us;        // the node's time of the sample; wraps, as all times here
-  uint32_t offset_us;   // our time less the node's
-  uint32_t updated_us;  // when the line was read
-  int32_t ndifference;
+  int32_t ndifference;                       // 0: no line has come
+  uint32_t t_us;                             // the node's time of the sample; wraps, as all times here
+  uint32_t offset_us;                        // our time less the node's
+  uint32_t updated_us;                       // when the line was read
   sv_difference differences[SV_WINDOW_MAX];  // oldest first, rising
 } sv_channel;
 
 typedef struct {
-  uint8_t open[SV_LINE_BYTES_MAX];
-  int32_t nopen;  // < 0: no line has started
-  int32_t nchannel;
-  sv_channel channels[SV_MESSAGE_MAX];
-  uint8_t channel_of[SV_SENSOR_MAX];
-  int32_t raw[SV_SENSOR_MAX];
+  int32_t nopen;  // bytes of the line that is coming; < 0: none has started
   uint8_t emergency_stop;
+  sv_channel channels[SV_MESSAGE_MAX];
+  uint8_t open[SV_LINE_BYTES_MAX];
 } sv_lines;
 
-// Start without lines. Sensors of letters beyond SV_MESSAGE_MAX are never read.
-void sv_lines_init(sv_lines* lines, const sv_rig* rig);
+// Start without lines.
+void sv_lines_init(sv_lines* lines);
 
-// Take n bytes that the sensor line gave.
-void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, uint32_t now_us);
-
-// Return whether a sensor's line has come: => its newest counts, untouched if not.
-int32_t sv_lines_raw(const sv_lines* lines, int32_t sensor, int32_t* raw);
+// Take n bytes that the sensor line gave: => raw (nsensor), the newest counts of each sensor whose line has come.
+void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, uint32_t now_us, int32_t* raw);
 
 // Return how old a sensor's counts are [us], -1 before its first line.
-int32_t sv_lines_age_us(const sv_lines* lines, int32_t sensor, uint32_t now_us);
+int32_t sv_lines_age_us(const sv_lines* lines, const sv_rig* rig, int32_t sensor, uint32_t now_us);
 
 #ifdef __cplusplus
 }

@@ -97,7 +97,7 @@ void sv_log_cycle(sv_robot* robot, int32_t k) {
     sv_record_varint(&record, sv_joint_age_us(robot, i, done->read_us));
   }
   for (int32_t i = 0; i < rig->nsensor; i++) {
-    sv_record_varint(&record, sv_lines_age_us(&robot->lines, i, done->read_us));
+    sv_record_varint(&record, sv_lines_age_us(&robot->lines, SV_RIG(robot), i, done->read_us));
   }
   for (int32_t i = 0; i < program->ninput; i++) {
     sv_record_f32(&record, robot->terminals[i]);

@@ -88,13 +88,19 @@ typedef struct {
   int32_t nsetting;
 } sv_joint;
 
+// Lines of the sensor node that begin with one letter.
 typedef struct {
-  char message;        // letter of its line
-  uint8_t field;       // place among the line's integers
-  uint8_t needed;      // whether the controller or the tilt guard can not do without it
-  int32_t zero;        // counts at 0 SI
-  float scale;         // SI per count
-  int32_t latency_us;  // from the sample to its line's last byte
+  char letter;
+  uint8_t width;       // integers that a line must have
+  int32_t latency_us;  // from the sample to the line's last byte
+} sv_message;
+
+typedef struct {
+  uint8_t message;  // number of its message
+  uint8_t field;    // place among the line's integers
+  uint8_t needed;   // whether the controller or the tilt guard can not do without it
+  int32_t zero;     // counts at 0 SI
+  float scale;      // SI per count
   int32_t age_us_max;
 } sv_sensor;
 
@@ -126,6 +132,8 @@ typedef struct {
   const sv_joint* joints;
   int32_t nsensor;
   const sv_sensor* sensors;
+  int32_t nmessage;
+  const sv_message* messages;
   int32_t roll;  // number of the sensor, -1: none
   int32_t pitch;
   sv_schedule schedule;
