@@ -230,6 +230,7 @@ def _run(
     periods.finish()
     outcome.pose = io.sensor_values()
     _look(periods)
+    periods.heed_stop()
     outcome.reason = "the time is over"
     outcome.done = True
 

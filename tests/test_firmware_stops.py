@@ -6,6 +6,9 @@ import pytest
 from firmware_runs import XC330, Task, image
 
 from deploy.firmware.bench import FirmwareBench
+from deploy.firmware.console_decoder import ConsoleDecoder
+from deploy.firmware.records import Cycle
+from deploy.firmware.run_log import shape_of
 from deploy.firmware.twin import TwinProcess
 from deploy.virtual.rig import VirtualRig
 
@@ -25,6 +28,7 @@ class Session:
     def __init__(self, firmware):
         self.virtual = VirtualRig(HOLDING.rig)
         self.bench = FirmwareBench(self.virtual, firmware)
+        self.decoder = ConsoleDecoder(shape_of(HOLDING.rig, HOLDING.controller))
         self.said = b""
 
     def type(self, *lines, seconds):
@@ -32,10 +36,15 @@ class Session:
             self.bench.say(line)
         until = self.bench.now + seconds
         while self.bench.now < until:
-            _, taken = self.bench.wake()
-            self.said += taken.console
-            self.bench.send(taken)
-            self.bench.wait(taken)
+            self.step()
+
+    def step(self):
+        """Let the firmware work and wait once; return what it has said, taken apart."""
+        _, taken = self.bench.wake()
+        self.said += taken.console
+        self.bench.send(taken)
+        self.bench.wait(taken)
+        return list(self.decoder.feed(taken.console))
 
     def torque(self):
         return [servo.table["torque_enable"] for servo in self.virtual.servos]
@@ -59,6 +68,20 @@ def test_a_stop_that_comes_with_its_start_stops(program):
     try:
         session = Session(firmware)
         session.type("arm", "start", "stop", seconds=3.0)
+        assert b"ended by 16" in session.said, "a person's wish"
+        assert session.torque() == [0, 0, 0]
+    finally:
+        firmware.close()
+
+
+def test_a_stop_in_the_very_last_period_takes_the_torque(program):
+    firmware = TwinProcess(program)
+    try:
+        session = Session(firmware)
+        session.type("seconds 0.5", "arm", "start", seconds=0.0)
+        while not any(isinstance(one, Cycle) and one.k == 24 for one in session.step()):
+            pass
+        session.type("stop", seconds=1.0)
         assert b"ended by 16" in session.said, "a person's wish"
         assert session.torque() == [0, 0, 0]
     finally:

@@ -130,6 +130,17 @@ def test_hold_leaves_torque_on_and_the_watchdog_disarmed(bench):
     assert [servo.table["bus_watchdog"] for servo in on.virtual.servos] == [0, 0, 0]
 
 
+def test_a_stop_in_the_very_last_period_takes_the_torque(bench):
+    rig = replace(RIG, safety=replace(RIG.safety, stop="hold"))
+    on = bench(rig=rig)
+    on.run(0.5)
+    late = on.log.cycles[-1]["t"] + 0.9 * RIG.period_s
+    on = bench(rig=rig)
+    outcome = on.run(0.5, stop=lambda bench: "a key was pressed" if bench.virtual.now >= late else None)
+    assert (outcome.cycles, outcome.reason) == (25, "stopped: a key was pressed")
+    assert on.torque() == [0, 0, 0]
+
+
 def test_a_rig_that_can_not_hold_is_released_and_told(bench, monkeypatch):
     on = bench(rig=replace(RIG, safety=replace(RIG.safety, stop="hold")))
 

@@ -29,7 +29,7 @@ static int32_t sv_has(const sv_slots* slots, int32_t slot) {
   return (int32_t)((slots->words[slot / 32] >> (slot % 32)) & 1U);
 }
 
-static void sv_add(sv_slots* slots, int32_t slot) { slots->words[slot / 32] |= 1U << (slot % 32); }
+static void sv_add(sv_slots* slots, int32_t slot) { slots->words[slot / 32] |= UINT32_C(1) << (slot % 32); }
 
 static int32_t sv_in_range(int32_t value, int32_t low, int32_t high) { return value >= low && value <= high; }
 

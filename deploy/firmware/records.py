@@ -35,7 +35,7 @@ class Hello:
         format: of the records
         rig: fingerprint of the rig
         program: fingerprint of the controller
-        reset: `sv_reset`
+        reset: `sv_reset_cause`
     """
 
     format: int

@@ -148,13 +148,13 @@ sv_reply sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t
   return sv_answer(bus, sv_send_write(bus, joint, address, data, size), joint, 0, 0, &nothing);
 }
 
-static uint32_t sv_all(const sv_bus* bus) { return (1U << SV_RIG(bus)->njoint) - 1U; }
+static uint32_t sv_all(const sv_bus* bus) { return (UINT32_C(1) << SV_RIG(bus)->njoint) - 1U; }
 
 // Return which joints' replies are missing, a bit each.
 static uint32_t sv_missing(const sv_bus* bus, const sv_reply* replies) {
   uint32_t missing = 0;
   for (int32_t joint = 0; joint < SV_RIG(bus)->njoint; joint++) {
-    missing |= replies[joint].status == SV_REPLY_MISSING ? 1U << joint : 0U;
+    missing |= replies[joint].status == SV_REPLY_MISSING ? UINT32_C(1) << joint : 0U;
   }
   return missing;
 }
@@ -196,7 +196,7 @@ static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, 
     waiting = waiting || (bus->silent >> order.joints[i] & 1U) == 0;
   }
   if (waiting) {
-    bus->silent |= 1U << order.joints[first_silent];
+    bus->silent |= UINT32_C(1) << order.joints[first_silent];
     sv_sync_read_once(bus, &behind, address, size, replies, data);
   }
 }

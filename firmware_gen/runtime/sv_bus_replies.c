@@ -140,7 +140,7 @@ static uint32_t sv_collect(sv_bus* bus, const sv_asked* asked, int32_t wanted, s
       if (!sv_judge(bus, &status, asked->size, &reply)) {
         bus->strays += status.size;
       } else if (joint >= 0 && (answered >> joint & 1U) == 0) {
-        answered |= 1U << joint;
+        answered |= UINT32_C(1) << joint;
         replies[joint - asked->first] = reply;
         sv_keep(&replies[joint - asked->first], status.data, wanted, data + (joint - asked->first) * wanted);
       }
@@ -181,7 +181,7 @@ static uint32_t sv_take_parts(sv_bus* bus, const sv_asked* asked, int32_t wanted
     if (sv_packet2_crc(crc, part, end - begin) != said || status.id != SV_RIG(bus)->joints[joint].id) {
       *corrupt = 1;
     } else if (sv_judge(bus, &status, asked->size, &replies[place])) {
-      answered |= 1U << joint;
+      answered |= UINT32_C(1) << joint;
       sv_keep(&replies[place], status.data, wanted, data + place * wanted);
     }
     // who follows has gone on from the CRC that was sent here, whatever became of this part's other bytes

@@ -36,7 +36,7 @@ static int32_t sv_alerts(sv_robot* robot) {
 // Judge whether joints do what they are told; nobody knows where one is that has never answered.
 static int32_t sv_tracking(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
-  if (robot->answered != (1U << rig->njoint) - 1U) {
+  if (robot->answered != (UINT32_C(1) << rig->njoint) - 1U) {
     return 0;
   }
   const uint32_t now_us = sv_hal_now_us();

@@ -67,7 +67,7 @@ void sv_read_servos(sv_robot* robot, const sv_block* block) {
     }
     const sv_joint* joint = SV_RIG(robot)->joints + i;
     const uint8_t* from = data + i * block->size;
-    robot->answered |= 1U << i;
+    robot->answered |= UINT32_C(1) << i;
     robot->answered_us[i] = robot->replies[i].t_us;
     (void)sv_in_block(block, from, &joint->position, robot->raw + i);
     (void)sv_in_block(block, from, &joint->velocity, robot->raw + njoint + i);

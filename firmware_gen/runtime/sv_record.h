@@ -18,7 +18,7 @@ extern "C" {
 #define SV_RECORD_MAX 250  // bytes before the code: type, body, CRC
 
 typedef enum {
-  SV_RECORD_HELLO = 1,    // u8 format, u32 rig fingerprint, u32 program fingerprint, u8 sv_reset
+  SV_RECORD_HELLO = 1,    // u8 format, u32 rig fingerprint, u32 program fingerprint, u8 sv_reset_cause
   SV_RECORD_STATE = 2,    // i64 t_us, u8 left, u8 entered, u8 sv_reason, u8 joint (255: none), i32 a, i32 b
   SV_RECORD_FINDING = 3,  // i64 t_us, u8 level, u8 sv_finding, u8 joint, u16 address, i32 value, i32 low, i32 high
   SV_RECORD_START = 4,    // i64 t_us, f32 goal_dist, f32 goal_bearing, i32 periods, f32 derate, u8 armed

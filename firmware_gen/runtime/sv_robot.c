@@ -60,7 +60,9 @@ static void sv_control(sv_robot* robot) {
   // the end of the last period
   sv_wait_until(robot, robot->begin_us + (uint32_t)SV_RIG(robot)->period_us);
   sv_read_sensors(robot);
-  (void)sv_end(robot, SV_REASON_TIME);
+  if (!sv_heed_stop(robot)) {
+    (void)sv_end(robot, SV_REASON_TIME);
+  }
 }
 
 // Go through the states until something ends the run; return whether anything may have been written.

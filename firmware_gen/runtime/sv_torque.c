@@ -122,7 +122,7 @@ uint32_t sv_release(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
   const uint32_t until_us = sv_hal_now_us() + SV_RELEASE_US_MAX;
   const int32_t usual_us = robot->bus.patience_us;
-  uint32_t left = (1U << rig->njoint) - 1U;
+  uint32_t left = (UINT32_C(1) << rig->njoint) - 1U;
   if (SV_VELOCITY_MODE(rig)) {
     sv_clear_all(robot, &rig->joints[0].goal);
   }
@@ -130,7 +130,7 @@ uint32_t sv_release(sv_robot* robot) {
   for (;;) {
     for (int32_t i = 0; i < rig->njoint; i++) {
       if ((left >> i & 1U) != 0U && sv_switch_off(robot, i)) {
-        left &= ~(1U << i);
+        left &= ~(UINT32_C(1) << i);
       }
     }
     if (left == 0U || sv_has_come(sv_hal_now_us(), until_us)) {
