@@ -122,7 +122,8 @@ def _seeds(name):
             (STOP, 0),
         )
     ]
-    return [*runs, bytes((1,)) + calm, *faults]
+    wrapping = [bytes((129, ARM_AND_START)) + calm, bytes((128,)) + calm]
+    return [*runs, *wrapping, bytes((1,)) + calm, *faults]
 
 
 def fuzz(target, corpus, *limits):

@@ -21,8 +21,9 @@ static const uint8_t* typed;
 static int32_t ntyped, nsaid;
 static uint32_t inputs;
 static char said[4096];
-void boot(int32_t selftest, int32_t reset);
+void boot(int32_t selftest, int32_t reset, int64_t at_us);
 void run(void);
+void idle(int64_t us);
 int64_t now(void);
 int64_t starved(void);
 const uint8_t* sent(int32_t* n);
@@ -30,16 +31,23 @@ int32_t state(sv_why* why);
 void press(uint32_t active);
 const sv_wish* type(const uint8_t* bytes, int32_t n);
 const char* answer(void);
+const char* heard(int32_t* n);
 int32_t decimal(const char* text, float* value);
-void boot(int32_t selftest, int32_t reset) {
+void boot(int32_t selftest, int32_t reset, int64_t at_us) {
   static float memory[64];
   typed = 0;
   ntyped = nsaid = nbus = 0;
-  now_us = fed_us = starved_us = 0;
+  now_us = fed_us = at_us;
+  starved_us = 0;
   cause = reset;
   sv_robot_init(&robot, &servolve_rig, selftest, 0, memory, memory);
 }
 void run(void) { sv_robot_poll(&robot); }
+void idle(int64_t us) {
+  for (const int64_t until_us = now_us + us; now_us < until_us;) {
+    sv_robot_poll(&robot);
+  }
+}
 int64_t now(void) { return now_us; }
 int64_t starved(void) { return starved_us; }
 const uint8_t* sent(int32_t* n) {
@@ -63,6 +71,10 @@ const sv_wish* type(const uint8_t* bytes, int32_t n) {
 }
 const char* answer(void) {
   said[nsaid] = 0;
+  return said;
+}
+const char* heard(int32_t* n) {
+  *n = nsaid;
   return said;
 }
 int32_t decimal(const char* text, float* value) {
@@ -140,7 +152,9 @@ def build_robot(folder, objects, rig, controller):
     _compile("-shared", "-o", "robot.so", "rig.c", "hal.c", *objects, folder=folder)
     built = ctypes.CDLL(str(folder / "robot.so"))
     built.now.restype = built.starved.restype = ctypes.c_int64
-    built.sent.restype = ctypes.POINTER(ctypes.c_uint8)
+    built.sent.restype = built.heard.restype = ctypes.POINTER(ctypes.c_uint8)
+    built.boot.argtypes = (ctypes.c_int32, ctypes.c_int32, ctypes.c_int64)
+    built.idle.argtypes = (ctypes.c_int64,)
     return built
 
 

@@ -118,8 +118,8 @@ class Bus:
         self._runtime = Runtime(library)
         self._library = library
         self._hal = _Hal(
-            _NOW(lambda: line.now_us),
-            _WAIT(line.wait),
+            _NOW(lambda: line.now_us % 2**32),
+            _WAIT(lambda until_us: line.wait(line.now_us + ctypes.c_int32(until_us - line.now_us).value)),
             _BYTES(lambda _, data, size: self._fill(data, line.take(size))),
             _BYTES(lambda _, data, size: line.send(ctypes.string_at(data, size))),
         )

@@ -37,7 +37,7 @@ class Console:
 
     def boot(self):
         self.library.press(0)
-        self.library.boot(0, 0)
+        self.library.boot(0, 0, 0)
 
     def type(self, words):
         wish = self.library.type(words, len(words)).contents
@@ -106,7 +106,7 @@ def test_what_is_no_command_changes_nothing(console, words):
 
 def test_the_start_input_arms_and_starts_once_it_was_seen_open(console):
     console.library.press(2)
-    console.library.boot(0, 0)
+    console.library.boot(0, 0, 0)
     assert console.type(b"").start == 0
     console.library.press(0)
     console.type(b"")

@@ -35,7 +35,7 @@ class Robot:
         self.rig = rig
 
     def boot(self, selftest=0, reset=POWER):
-        self.library.boot(selftest, reset)
+        self.library.boot(selftest, reset, 0)
         self.at_boot = len(self.sent())
         return self
 
