@@ -3,6 +3,8 @@
 //   H  hang, heard by interrupts        I  hang, interrupts off
 //   J  jump to where no code may be     R  use up the stack
 //   Z  be busy for 100 ms, fed, but deaf
+//   N  pend the NMI                     P  pend interrupt 1: the STM32F405's supply falls
+//   U  pend interrupt 3, which nobody serves
 
 #include <stdint.h>
 
@@ -11,6 +13,10 @@
 #include "sv_time.h"
 
 #define LINE_MAX 64
+#define REG(address) (*(volatile uint32_t*)(address))
+#define SCB_ICSR REG(0xE000ED04U)
+#define NVIC_ISER REG(0xE000E100U)
+#define NVIC_ISPR REG(0xE000E200U)
 
 const sv_rig servolve_rig = {.baud = 1000000, .njoint = 1};
 
@@ -45,6 +51,13 @@ static void obey(uint8_t command) {
     ((void (*)(void))0xA0000001U)();
   } else if (command == 'R') {
     (void)deeper(0);
+  } else if (command == 'N') {
+    SCB_ICSR = 1U << 31;
+  } else if (command == 'P') {
+    NVIC_ISPR = 1U << 1;
+  } else if (command == 'U') {
+    NVIC_ISER = 1U << 3;
+    NVIC_ISPR = 1U << 3;
   } else if (command == 'Z') {
     const uint32_t until_us = sv_hal_now_us() + 100000U;
     while (!sv_has_come(sv_hal_now_us(), until_us)) {

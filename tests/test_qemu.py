@@ -37,6 +37,7 @@ FLAGS = (
 RAM = 0x20000000
 RAM_BYTES = 0x20000
 OFF = b"off!"
+WATCHDOG, FAULT, SUPPLY, CLOCK = range(1, 5)
 
 
 @pytest.fixture(scope="module", params=["stm32f405", "mps2-an386"])
@@ -208,6 +209,24 @@ def test_a_fault_loses_the_torque_and_starts_anew(machine, command):
     assert taken.bus == (OFF, OFF, OFF)
     assert taken.console == b"h2"
     assert machine.resume(Given(40000, bus=b"as before\n")).bus == (b"as before\n",)
+
+
+@pytest.mark.parametrize(
+    ("tried", "command", "cause"),
+    [
+        ("stm32f405", "N", CLOCK),
+        ("mps2-an386", "N", WATCHDOG),
+        ("stm32f405", "P", SUPPLY),
+        ("stm32f405", "U", FAULT),
+        ("mps2-an386", "U", FAULT),
+    ],
+    indirect=["tried"],
+)
+def test_interrupts_that_end_it_all_take_the_torque_and_say_why(machine, command, cause):
+    machine.resume(Given(0))
+    taken = machine.resume(Given(20000, bus=command.encode() + b"\n"))
+    assert taken.bus == (OFF, OFF, OFF)
+    assert taken.console == f"h{cause}".encode()
 
 
 def test_the_lamp_says_hello_and_computes_the_reference_bits(lamp):

@@ -101,7 +101,15 @@ PLAIN: Final[Mapping[int, str]] = MappingProxyType(
 )
 """What needs no number; the host loop's words where it has them."""
 
-_RESETS: Final = ("power", "the watchdog, for the main loop hung", "a fault handler")
+_DEFECT: Final = "report this as a defect"
+_RESETS: Final = (
+    ("power", _DEFECT),
+    ("the watchdog, for the main loop hung", _DEFECT),
+    ("a fault handler", _DEFECT),
+    ("its falling supply", "feed it from another supply than the servos"),
+    ("the loss of its crystal's clock", "look at the crystal, or change the board"),
+)
+"""What has reset the board and what to do about it, by `sv_reset_cause`."""
 
 
 @dataclass(frozen=True)
@@ -261,8 +269,8 @@ def _watchdog(why: Why, rig: Rig, _: str) -> str:
 
 
 def _reset(why: Why, *_: object) -> str:
-    by = _RESETS[why.a] if 0 <= why.a < len(_RESETS) else f"cause {why.a}"
-    return f"the board was reset by {by}; torque was switched off: report this as a defect"
+    by, remedy = _RESETS[why.a] if 0 <= why.a < len(_RESETS) else (f"cause {why.a}", _DEFECT)
+    return f"the board was reset by {by}; torque was switched off: {remedy}"
 
 
 _FAULTS: Final[Mapping[Reason, Callable[[Why, Rig, str], str | None]]] = MappingProxyType(

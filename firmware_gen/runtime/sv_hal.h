@@ -27,7 +27,9 @@ typedef enum {
 typedef enum {
   SV_RESET_POWER = 0,     // switched on, or reset by a person
   SV_RESET_WATCHDOG = 1,  // the main loop hung
-  SV_RESET_FAULT = 2      // a fault handler was entered
+  SV_RESET_FAULT = 2,     // a fault handler was entered
+  SV_RESET_SUPPLY = 3,    // the board's supply fell
+  SV_RESET_CLOCK = 4      // the crystal stopped
 } sv_reset_cause;
 
 // Bring up clock, lines, inputs and watchdog; called once, first.

@@ -52,7 +52,7 @@ typedef enum {
   SV_REASON_SETTING = 52,        // a register was not taken; a: its address, b: status << 16 | error, or the count read
   SV_REASON_TORQUE_UNSURE = 53,  // torque could not be switched off for certain; a: joints, a bit each
   SV_REASON_SELFTEST = 54,  // this build or this machine does not compute the reference's bits; a: what it returned
-  SV_REASON_RESET = 55      // the watchdog or a fault handler has reset the board; a: sv_reset_cause
+  SV_REASON_RESET = 55      // the board has reset itself; a: sv_reset_cause
 } sv_reason;
 
 typedef enum {

@@ -1,28 +1,50 @@
-// What start-up code and HAL of a Cortex-M board promise each other.
+// What start-up code, lines and HAL of a Cortex-M board promise each other.
 
 #ifndef BOARD_H_
 #define BOARD_H_
 
 #include <stdint.h>
 
+#include "ring.h"
+
 #define BOARD_FED_MS 100  // the main loop may be silent for so long
 
-// Of hal.c: serve external interrupt `number`.
-void board_interrupt(int32_t number);
+typedef void (*board_vector)(void);
+
+// Of hal.c: the handlers of the external interrupts, in their order; board_fault where none is enabled. All have the
+// tick's priority, so that none stands upon another.
+#define BOARD_EXTERNAL __attribute__((section(".vectors.external"), used)) static const board_vector
+
+// Of hal.c: the handler of the interrupt that nothing masks.
+void board_on_nmi(void);
+
+// Of hal.c: send to the servos by polling, so that fault handlers can; return once the line is free for answers. Never
+// inlined: a debugger stops at it.
+int32_t board_send_bus(const uint8_t* data, int32_t size);
+
+// Of hal.c, with interrupts off: give the console's line as much of board_answers as it takes now; its interrupt takes
+// the rest.
+void board_send_answers(void);
+
+// Of lines.c: what has come on each line, by sv_line; a debugger may append to them.
+extern ring board_received[3];
+
+// Of lines.c: what the console is to send.
+extern ring board_answers;
 
 // Of startup.c: take the torque of every servo, remember why, reset the board. Never returns.
 __attribute__((noreturn)) void board_die(int32_t cause);
 
+// Of startup.c: the handler of faults, and of interrupts that nobody serves.
+__attribute__((noreturn)) void board_fault(void);
+
 // Of startup.c: begin to tick, once a millisecond.
-void board_start_ticks(uint32_t core_hz);
+void board_start_ticks(uint32_t core_khz);
 
 // Of startup.c: the main loop is well.
 void board_fed(void);
 
 // Of startup.c: why board_die was called before this reset, sv_reset_cause; SV_RESET_POWER if it was not.
 int32_t board_died_of(void);
-
-// Enable external interrupt `number`.
-void board_enable_interrupt(int32_t number);
 
 #endif  // BOARD_H_

@@ -19,26 +19,10 @@ typedef struct {
 // Return how many bytes wait.
 static inline uint16_t ring_count(const ring* r) { return (uint16_t)(r->written - r->taken); }
 
-// Return how many bytes fit.
-static inline uint16_t ring_space(const ring* r) { return (uint16_t)(r->mask + 1U - ring_count(r)); }
-
-// Append a byte.
-static inline void ring_put(ring* r, uint8_t byte) {
-  if (ring_space(r) == 0U) {
-    r->lost++;
-    return;
-  }
-  r->bytes[r->written & r->mask] = byte;
-  __asm volatile("" ::: "memory");  // the byte is there before it counts
-  r->written++;
-}
+// Append a byte, or count it as lost; return whether it fits.
+int32_t ring_put(ring* r, uint8_t byte);
 
 // Take the oldest byte; there must be one.
-static inline uint8_t ring_take(ring* r) {
-  const uint8_t byte = r->bytes[r->taken & r->mask];
-  __asm volatile("" ::: "memory");  // its place is free after it was read
-  r->taken++;
-  return byte;
-}
+uint8_t ring_take(ring* r);
 
 #endif  // RING_H_

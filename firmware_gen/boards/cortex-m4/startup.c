@@ -1,6 +1,6 @@
 // Start-up code of a Cortex-M4F: vectors, memory, FPU, and what happens when all is lost.
 //
-// A fault, a hung main loop (no sv_hal_feed_watchdog for BOARD_FED_MS) and a vector that nobody serves all end in
+// A fault, a hung main loop (no sv_hal_feed_watchdog for BOARD_FED_MS) and an interrupt that nobody serves all end in
 // board_die: torque-off packets to every servo, sent by polling with interrupts off, on a stack of its own, then a
 // reset. The board's own watchdog stands behind that: it needs neither this code nor the core's interrupts. The stack
 // lies at the bottom of the RAM, so that its overflow is a fault and not another variable's end.
@@ -18,14 +18,10 @@
 #define SYST_CSR REG(0xE000E010U)
 #define SYST_RVR REG(0xE000E014U)
 #define SYST_CVR REG(0xE000E018U)
-#define NVIC_ISER(n) REG(0xE000E100U + 4U * (n))
-#define NVIC_IPR(n) (*(volatile uint8_t*)(0xE000E400U + (n)))
-#define PRIORITY 0x40U  // of all lines, below the tick: at most one handler and the tick stand upon the main loop
 #define SCB_VTOR REG(0xE000ED08U)
 #define SCB_AIRCR REG(0xE000ED0CU)
 
-#define EXTERNAL 82  // interrupts beside the core's own, of the larger board
-#define ROUNDS 3     // torque off is said so often: a servo that was answering talked over the first
+#define ROUNDS 3  // torque off is said so often: a servo that was answering talked over the first
 #define MAGIC 0x746F7271U
 
 extern const sv_rig servolve_rig;
@@ -35,34 +31,27 @@ extern uint32_t board_zero_begin[], board_zero_end[];
 void sv_robot_panic(const sv_rig* rig);  // of sv_robot.h
 void board_reset(void);
 void board_begin(void);
-void board_fault(void);
-void board_bitten(void);
 void board_last_words(int32_t cause);
-void board_external(void);
-void board_systick(void);
+void board_on_tick(void);
 int main(void);
 void* memcpy(void* restrict to, const void* restrict from, size_t n);
 void* memmove(void* to, const void* from, size_t n);
 void* memset(void* to, int value, size_t n);
 int memcmp(const void* a, const void* b, size_t n);
 
-// survives a reset: why the board died, and its complement
+// survives a reset: MAGIC, and why the board died
 static uint32_t board_cause[2] __attribute__((section(".noinit")));
 
 static volatile int32_t fed_ms;  // how long the main loop may still be silent; 0: it has never been heard
 static volatile uint8_t dying;
 
-typedef void (*vector)(void);
-
-// the first sixteen are the core's: stack, reset, NMI (a watchdog, where there is one), faults, …, SysTick
+// the core's: stack, reset, NMI, faults, …, SysTick; the board's follow them
 __attribute__((section(".vectors"), used)) static const struct {
   const void* stack;
-  vector core[15];
-  vector external[EXTERNAL];
+  board_vector core[15];
 } vectors = {board_stack_top,
-             {board_reset, board_bitten, board_fault, board_fault, board_fault, board_fault, board_fault, board_fault,
-              board_fault, board_fault, board_fault, board_fault, board_fault, board_fault, board_systick},
-             {[0 ... EXTERNAL - 1] = board_external}};
+             {board_reset, board_on_nmi, board_fault, board_fault, board_fault, board_fault, board_fault, board_fault,
+              board_fault, board_fault, board_fault, board_fault, board_fault, board_fault, board_on_tick}};
 
 // the FPU first: compiled code may use it anywhere; FPSCR 0: to nearest even, subnormals kept, NaNs as they are
 __attribute__((naked, noreturn)) void board_reset(void) {
@@ -80,13 +69,8 @@ __attribute__((naked, noreturn)) void board_reset(void) {
 
 // flash => data; 0 => the rest
 __attribute__((noreturn, used)) void board_begin(void) {
-  const uint32_t* from = board_data_stored;
-  for (uint32_t* to = board_data_begin; to < board_data_end; to++) {
-    *to = *from++;
-  }
-  for (uint32_t* to = board_zero_begin; to < board_zero_end; to++) {
-    *to = 0U;
-  }
+  memcpy(board_data_begin, board_data_stored, (size_t)((uint8_t*)board_data_end - (uint8_t*)board_data_begin));
+  memset(board_zero_begin, 0, (size_t)((uint8_t*)board_zero_end - (uint8_t*)board_zero_begin));
   SCB_VTOR = (uint32_t)&vectors;
   (void)main();
   board_die(SV_RESET_FAULT);
@@ -107,19 +91,7 @@ __attribute__((naked, noreturn)) void board_fault(void) {
       "b board_die\n");
 }
 
-__attribute__((naked, noreturn)) void board_bitten(void) {
-  __asm volatile(
-      "movs r0, #1\n"  // SV_RESET_WATCHDOG
-      "b board_die\n");
-}
-
-void board_external(void) {
-  uint32_t number;
-  __asm volatile("mrs %0, ipsr" : "=r"(number));
-  board_interrupt((int32_t)number - 16);
-}
-
-void board_systick(void) {
+void board_on_tick(void) {
   if (fed_ms > 0) {
     fed_ms--;
     if (fed_ms == 0) {
@@ -131,8 +103,8 @@ void board_systick(void) {
 __attribute__((noreturn, used)) void board_last_words(int32_t cause) {
   if (!dying) {
     dying = 1U;
-    board_cause[0] = MAGIC ^ (uint32_t)cause;
-    board_cause[1] = ~board_cause[0];
+    board_cause[0] = MAGIC;
+    board_cause[1] = (uint32_t)cause;
     for (int32_t i = 0; i < ROUNDS; i++) {
       sv_robot_panic(&servolve_rig);
     }
@@ -144,26 +116,18 @@ __attribute__((noreturn, used)) void board_last_words(int32_t cause) {
 }
 
 int32_t board_died_of(void) {
-  const uint32_t cause = board_cause[0] ^ MAGIC;
-  const uint32_t valid = board_cause[1] == ~board_cause[0];
+  const int32_t cause = board_cause[0] == MAGIC ? (int32_t)board_cause[1] : SV_RESET_POWER;
   board_cause[0] = 0U;
-  board_cause[1] = 0U;
-  return valid && (cause == SV_RESET_WATCHDOG || cause == SV_RESET_FAULT) ? (int32_t)cause : SV_RESET_POWER;
+  return cause;
 }
 
-void board_start_ticks(uint32_t core_hz) {
-  SYST_RVR = core_hz / 1000U - 1U;
+void board_start_ticks(uint32_t core_khz) {
+  SYST_RVR = core_khz - 1U;
   SYST_CVR = 0U;
   SYST_CSR = 7U;
 }
 
 void board_fed(void) { fed_ms = BOARD_FED_MS; }
-
-void board_enable_interrupt(int32_t number) {
-  const uint32_t n = (uint32_t)number;
-  NVIC_IPR(n) = PRIORITY;
-  NVIC_ISER(n / 32U) = 1U << (n % 32U);
-}
 
 // what compilers call where there is no libc; plain loops, which must not be turned into calls of themselves
 #if defined(__GNUC__) && !defined(__clang__)

@@ -17,7 +17,6 @@
 #include "ring.h"
 #include "sv_hal.h"
 #include "sv_rig.h"
-#include "sv_time.h"
 
 #define CORE_HZ 25000000
 #define SENSOR_BAUD 115200
@@ -47,20 +46,19 @@ typedef struct {
 #define CTRL_TXINT (1U << 2)
 #define CTRL_RXINT (1U << 3)
 
+#define NVIC_ISER0 REG(0xE000E100U)
+
 extern const sv_rig servolve_rig;
 
-static uint8_t bus_bytes[256], sensor_bytes[256], console_bytes[64], answer_bytes[512];
+void board_on_bus(void);
+void board_on_sensors(void);
+void board_on_console(void);
 
-// what has come on each line, by sv_line; a debugger may append to them
-ring board_received[3] = {{bus_bytes, sizeof bus_bytes - 1U, 0U, 0U, 0U},
-                          {sensor_bytes, sizeof sensor_bytes - 1U, 0U, 0U, 0U},
-                          {console_bytes, sizeof console_bytes - 1U, 0U, 0U, 0U}};
-static ring answers = {answer_bytes, sizeof answer_bytes - 1U, 0U, 0U, 0U};
+BOARD_EXTERNAL external[] = {[0] = board_on_bus, [1] = board_fault,      [2] = board_on_sensors,
+                             [3] = board_fault,  [4] = board_on_console, [5] = board_send_answers};
 
 static int32_t reset_cause;
 static uint8_t watched;
-
-int32_t board_send_bus(const uint8_t* data, int32_t size);
 
 static void start_line(uart* line, int32_t baud) {
   line->bauddiv = (uint32_t)((CORE_HZ + baud / 2) / baud);
@@ -74,11 +72,8 @@ void sv_hal_init(void) {
   start_line(UART0, servolve_rig.baud);
   start_line(UART1, SENSOR_BAUD);
   start_line(UART2, CONSOLE_BAUD);
-  board_enable_interrupt(0);
-  board_enable_interrupt(2);
-  board_enable_interrupt(4);
-  board_enable_interrupt(5);
-  board_start_ticks(CORE_HZ);
+  NVIC_ISER0 = 1U << 0 | 1U << 2 | 1U << 4 | 1U << 5;
+  board_start_ticks(CORE_HZ / 1000);
 }
 
 uint32_t sv_hal_now_us(void) { return FPGAIO_COUNTER; }
@@ -86,32 +81,6 @@ uint32_t sv_hal_now_us(void) { return FPGAIO_COUNTER; }
 uint32_t sv_hal_inputs(void) {
   const uint32_t buttons = FPGAIO_BUTTON;
   return ((buttons & 2U) != 0U ? SV_INPUT_STOP : 0U) | ((buttons & 1U) != 0U ? SV_INPUT_START : 0U);
-}
-
-static int32_t is_idle(uint32_t inputs, uint32_t until_us) {
-  return ring_count(&board_received[0]) == 0U && ring_count(&board_received[1]) == 0U &&
-         ring_count(&board_received[2]) == 0U && sv_hal_inputs() == inputs && !sv_has_come(sv_hal_now_us(), until_us);
-}
-
-// asleep for all but the last two ticks, which are too coarse to end on
-__attribute__((noinline)) void sv_hal_wait(uint32_t until_us) {
-  const uint32_t inputs = sv_hal_inputs();
-  while (is_idle(inputs, until_us)) {
-    __asm volatile("cpsid i" ::: "memory");
-    if (is_idle(inputs, until_us - 2000U)) {
-      __asm volatile("wfi" ::: "memory");
-    }
-    __asm volatile("cpsie i" ::: "memory");
-  }
-}
-
-int32_t sv_hal_read(int32_t line, uint8_t* data, int32_t size) {
-  ring* r = &board_received[line];
-  int32_t n = 0;
-  while (n < size && ring_count(r) != 0U) {
-    data[n++] = ring_take(r);
-  }
-  return n;
 }
 
 static int32_t wait_for_room(uart* line, int32_t patience) {
@@ -123,7 +92,7 @@ static int32_t wait_for_room(uart* line, int32_t patience) {
   return 1;
 }
 
-// by polling, so that fault handlers can; the UART does not tell when its last bit has left: that is waited for
+// the UART does not tell when its last bit has left: that is waited for
 __attribute__((noinline)) int32_t board_send_bus(const uint8_t* data, int32_t size) {
   // some ten cycles a round: more than 30 bits' time
   const int32_t patience = CORE_HZ / servolve_rig.baud * 4 + 100;
@@ -138,32 +107,12 @@ __attribute__((noinline)) int32_t board_send_bus(const uint8_t* data, int32_t si
   return n;
 }
 
-// as much as the line takes now; its interrupt takes the rest
-static void send_answers(void) {
+void board_send_answers(void) {
   UART2->intstatus = 1U;
-  while (ring_count(&answers) != 0U && (UART2->state & STATE_TXFULL) == 0U) {
-    UART2->data = ring_take(&answers);
+  while (ring_count(&board_answers) != 0U && (UART2->state & STATE_TXFULL) == 0U) {
+    UART2->data = ring_take(&board_answers);
   }
-  UART2->ctrl = CTRL_TX | CTRL_RX | CTRL_RXINT | (ring_count(&answers) != 0U ? CTRL_TXINT : 0U);
-}
-
-int32_t sv_hal_write(int32_t line, const uint8_t* data, int32_t size) {
-  if (line == SV_LINE_BUS) {
-    return board_send_bus(data, size);
-  }
-  if (line != SV_LINE_CONSOLE) {
-    return 0;
-  }
-  // a line has room for one byte: handlers may not wait until a whole record is copied
-  int32_t n = 0;
-  while (n < size && ring_space(&answers) != 0U) {
-    ring_put(&answers, data[n++]);
-  }
-  uint32_t mask;
-  __asm volatile("mrs %0, primask\ncpsid i" : "=r"(mask)::"memory");
-  send_answers();
-  __asm volatile("msr primask, %0" ::"r"(mask) : "memory");
-  return n;
+  UART2->ctrl = CTRL_TX | CTRL_RX | CTRL_RXINT | (ring_count(&board_answers) != 0U ? CTRL_TXINT : 0U);
 }
 
 static void receive(uart* line, ring* r) {
@@ -173,19 +122,14 @@ static void receive(uart* line, ring* r) {
   }
 }
 
-void board_interrupt(int32_t number) {
-  if (number == 0) {
-    receive(UART0, &board_received[SV_LINE_BUS]);
-  } else if (number == 2) {
-    receive(UART1, &board_received[SV_LINE_SENSORS]);
-  } else if (number == 4) {
-    receive(UART2, &board_received[SV_LINE_CONSOLE]);
-  } else if (number == 5) {
-    send_answers();
-  } else {
-    board_die(SV_RESET_FAULT);
-  }
-}
+void board_on_bus(void) { receive(UART0, &board_received[SV_LINE_BUS]); }
+
+void board_on_sensors(void) { receive(UART1, &board_received[SV_LINE_SENSORS]); }
+
+void board_on_console(void) { receive(UART2, &board_received[SV_LINE_CONSOLE]); }
+
+// the watchdog's warning
+void board_on_nmi(void) { board_die(SV_RESET_WATCHDOG); }
 
 // NMI after 0.2 s, behind the tick's own 0.1 s; a reset after as much again
 void sv_hal_feed_watchdog(void) {
