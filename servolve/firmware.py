@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from controller import load_controller
 from controller.errors import InputError
 from firmware_gen.projects.board import board_names, load_board
-from firmware_gen.projects.build import build_project, require_tools
+from firmware_gen.projects.build import build_project, require_path, require_tools
 from firmware_gen.projects.image_size import image_size
 from firmware_gen.projects.project import make_project, write_project
 from servolve.firmware_run import AskedRun, plan_run, run_image
@@ -79,6 +79,7 @@ def firmware(
     build = build or run
     if build:
         require_tools(chosen)
+        require_path(out)
     write_project(project, out, force)
     told: dict[str, Any] = {"out": str(out), "board": chosen.name, "rig": about.name, "controller": loaded.name}
     if build:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -13,9 +14,12 @@ from controller import Controller
 from controller.errors import InputError, RunError
 from controller.rig import Rig
 from firmware_gen.projects.board import Board, load_board
-from firmware_gen.projects.project import make_project, write_project
+from firmware_gen.projects.project import BUILD, drop_build, make_project, write_project
 
 _SECONDS_MAX: Final = 600.0
+_TOLD_MAX: Final = 400
+_UNBUILDABLE: Final = frozenset(';$#"\\<>|[]')
+"""Characters that CMake, or what it writes, does not keep as they are in a path."""
 _PACKAGES: Final = MappingProxyType({"cc": "gcc", "arm-none-eabi-gcc": "gcc-arm-none-eabi"})
 
 
@@ -51,12 +55,14 @@ def build_project(folder: Path, board: Board) -> Path:
         path of the linked image
 
     Raises:
-        InputError: a tool is missing
+        InputError: a tool is missing, or the folder's path is none for CMake
         RunError: it does not build
     """
     require_tools(board)
-    build = folder / "build"
-    if not (build / "CMakeCache.txt").is_file():
+    require_path(folder)
+    build = folder / BUILD
+    if not _is_set_up(folder):
+        drop_build(folder)
         maker = ["-G", "Ninja"] if shutil.which("ninja") else []
         _run(["cmake", "-S", str(folder), "-B", str(build), *maker])
     _run(["cmake", "--build", str(build)])
@@ -87,6 +93,35 @@ def require_tools(board: Board) -> None:
         )
 
 
+def require_path(folder: Path) -> None:
+    """Check that CMake can build in a folder.
+
+    Args:
+        folder: the project's
+
+    Raises:
+        InputError: its path has a character that CMake does not take
+    """
+    for character in str(folder.absolute()):
+        if character in _UNBUILDABLE or not character.isprintable():
+            raise InputError(
+                f"{folder}: CMake builds nothing under a path with {character!r}; give --out another folder"
+            )
+
+
+def _is_set_up(folder: Path) -> bool:
+    """Tell whether CMake has come to the end of setting up this very folder, with a program that is still there."""
+    build = folder / BUILD
+    try:
+        cache = (build / "CMakeCache.txt").read_text(encoding="utf-8", errors="replace")
+        values = dict(line.split("=", 1) for line in cache.splitlines() if "=" in line)
+        here = Path(values["CMAKE_HOME_DIRECTORY:INTERNAL"]).samefile(folder)
+    except (OSError, KeyError, ValueError):
+        return False
+    maker = shutil.which(values.get("CMAKE_MAKE_PROGRAM:FILEPATH", ""))
+    return here and maker is not None and any((build / name).is_file() for name in ("build.ninja", "Makefile"))
+
+
 def _run(command: Sequence[str]) -> None:
     try:
         done = subprocess.run(
@@ -95,7 +130,20 @@ def _run(command: Sequence[str]) -> None:
     except subprocess.TimeoutExpired:
         raise RunError(f"{' '.join(command)}: took more than {_SECONDS_MAX:g} s; look at what it does") from None
     if done.returncode != 0:
-        told = [line.strip() for line in (done.stdout + done.stderr).splitlines() if line.strip()]
-        named = ("undefined reference", "overflowed", "error:", "Error")
-        first = next((line for word in named for line in told if word in line), told[-1] if told else "it says nothing")
-        raise RunError(f"{' '.join(command)}: failed: {first}; run it by hand to see all that it says")
+        told = _first_failure((done.stdout + done.stderr).splitlines())
+        raise RunError(f"{' '.join(command)}: failed: {told}; run it by hand to see all that it says")
+
+
+def _first_failure(lines: Sequence[str]) -> str:
+    """Return what a compiler, a linker, Ninja or CMake says of what failed."""
+    told = [line for line in lines if line.strip()]
+    for word in ("undefined reference", "overflowed", "error:", "***"):
+        found = next((line for line in told if word in line), None)
+        if found is not None:
+            return found.strip()
+    start = next((number for number, line in enumerate(told) if line.startswith("CMake Error")), None)
+    if start is None:
+        return told[-1].strip() if told else "it says nothing"
+    # the sentence follows on indented lines
+    told = [told[start], *itertools.takewhile(lambda line: line.startswith(" "), told[start + 1 :])]
+    return " ".join(" ".join(told).split())[:_TOLD_MAX]

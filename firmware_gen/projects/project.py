@@ -27,6 +27,8 @@ from firmware_gen.transpiler.generate import generate
 from firmware_gen.transpiler.unit import GENERATOR_VERSION, Unit, make_unit
 
 MANIFEST: Final = "servolve.json"
+BUILD: Final = "build"
+"""Folder in a project that its README builds in."""
 RUNTIME: Final = Path(__file__).resolve().parents[1] / "runtime"
 CONTROLLER_RUNTIME: Final = RUNTIME_TABLE.parent
 SHARED: Final = (
@@ -42,7 +44,6 @@ SHARED: Final = (
 )
 """Files of the controller's runtime that the firmware is built from, as host loop and simulation are."""
 
-_BUILD: Final = "build"
 _TOOLCHAIN: Final = "board/toolchain.cmake"
 _RESERVED: Final = frozenset({"main", "program", "rig", "servolve", "sv"})
 
@@ -129,7 +130,7 @@ def write_project(project: Project, folder: Path, force: bool = False) -> None:
         if not force:
             _refuse_others(folder, before)
         if before.get(_TOOLCHAIN) != hashlib.sha256(project.files.get(_TOOLCHAIN, "").encode()).hexdigest():
-            _drop_build(folder)
+            drop_build(folder)
         for path in sorted(before.keys() - project.files.keys()):
             if _digest(folder / path) == before[path]:
                 (folder / path).unlink()
@@ -145,9 +146,13 @@ def write_project(project: Project, folder: Path, force: bool = False) -> None:
         raise InputError(f"{where}: {error.strerror}; give --out a folder that can be written") from None
 
 
-def _drop_build(folder: Path) -> None:
-    """Remove what another board's compiler was set up for: CMake would go on with it."""
-    build = folder / _BUILD
+def drop_build(folder: Path) -> None:
+    """Remove what CMake was set up for in a project; it would go on with another compiler, or another folder's files.
+
+    Args:
+        folder: the project's
+    """
+    build = folder / BUILD
     if (build / "CMakeCache.txt").is_file() and not build.is_symlink():
         shutil.rmtree(build)
 
@@ -160,7 +165,7 @@ def _refuse_others(folder: Path, before: Mapping[str, str]) -> None:
         name = path.relative_to(folder).as_posix()
         if path.is_dir() and not path.is_symlink():
             continue
-        if before and name.split("/", 1)[0] == _BUILD and name != _BUILD:
+        if before and name.split("/", 1)[0] == BUILD and name != BUILD:
             continue
         if name not in before and name != MANIFEST:
             raise InputError(f"{folder}: holds other files ({plain(name)}); give --out another folder, or give --force")
