@@ -94,7 +94,7 @@ def _build(folder, rig, controller):
     (folder / "rig.c").write_text(rig_source(rig, controller))
     (folder / "rig.h").write_text(rig_header(rig, make_unit(controller)))
     runtime, shared = ROOT / "firmware_gen" / "runtime", ROOT / "controller" / "runtime"
-    sources = [folder / "rig.c", runtime / "sv_safety.c"]
+    sources = [folder / "rig.c", runtime / "sv_safety.c", shared / "sv_cycle.c", shared / "sv_program.c"]
     path = folder / "safety.so"
     command = ["gcc", *FLAGS.split(), *TRAPS.split(), "-shared", "-fPIC", f"-I{runtime}", f"-I{shared}", f"-I{folder}"]
     subprocess.run([*command, *map(str, sources), "-o", str(path)], check=True)

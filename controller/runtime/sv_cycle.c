@@ -14,16 +14,16 @@ static int32_t sv_clamp_count(int32_t count, int32_t low, int32_t high) {
 }
 
 int32_t sv_round(float x) {
-  if (!(x < (float)SV_COUNT_MAX && x > -(float)SV_COUNT_MAX)) {
-    return x > 0.0F ? SV_COUNT_MAX : (x < 0.0F ? -SV_COUNT_MAX : 0);
-  }
-  if (x >= kWhole || x <= -kWhole) {
-    return (int32_t)x;
+  float size = x < 0.0F ? -x : x;
+  if (!(size < (float)SV_COUNT_MAX)) {
+    size = x == x ? (float)SV_COUNT_MAX : 0.0F;
   }
   // a sum with 2^23 has no bits left for a part
-  const float shift = x < 0.0F ? -kWhole : kWhole;
-  const float sum = x + shift;
-  return (int32_t)(sum - shift);
+  if (size < kWhole) {
+    size = size + kWhole;
+    size = size - kWhole;
+  }
+  return (int32_t)(x < 0.0F ? -size : size);
 }
 
 static int32_t sv_is_finite(float x) { return x - x == 0.0F; }

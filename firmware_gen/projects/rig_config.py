@@ -177,7 +177,7 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
                 ("pitch", places["pitch"] if tilt else -1),
                 ("schedule", _schedule(rig)),
                 ("safety", _safety(rig.safety)),
-                ("cycle", "&cycle"),
+                ("cycle", "&servolve_cycle"),
                 ("fingerprint", f"0x{rig_fingerprint(rig, controller):08x}U"),
             ]
         ),
@@ -254,7 +254,7 @@ def _cycle(spec: CycleSpec) -> list[str]:
         *lines,
         "};",
         "",
-        "static const sv_cycle cycle = {",
+        "const sv_cycle servolve_cycle = {",
         *field_lines(
             [
                 ("program", "&program"),

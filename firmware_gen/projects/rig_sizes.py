@@ -132,6 +132,7 @@ def sizes_files(sizes: Sizes, rig: Rig, fast_sync_read: bool = False) -> dict[st
     kinds = [
         "// what is known of the rig costs no code for the other cases",
         "#define SV_RIG(holder) ((void)(holder), &servolve_rig)",
+        "#define SV_CYCLE(rig) ((void)(rig), &servolve_cycle)",
         f"#define SV_PROTOCOL(rig) ((void)(rig), {PROTOCOLS[rig.bus.protocol]})",
         f"#define SV_VELOCITY_MODE(rig) ((void)(rig), {int(rig.joints[0].mode == 'velocity')})",
         f"#define SV_FAST_SYNC_READ(rig) ((void)(rig), {int(fast_sync_read)})",

@@ -77,7 +77,7 @@ static void sv_aim(sv_robot* robot, int32_t k, int32_t* goals) {
     sv_home_goals(robot, k, goals);
     return;
   }
-  sv_cycle_step(SV_RIG(robot)->cycle, &robot->wish.goal, &robot->cycle, robot->registers, robot->memory, robot->raw,
+  sv_cycle_step(SV_CYCLE(SV_RIG(robot)), &robot->wish.goal, &robot->cycle, robot->registers, robot->memory, robot->raw,
                 robot->terminals, robot->outputs, goals);
 }
 

@@ -142,8 +142,9 @@ typedef struct {
   uint32_t fingerprint;  // of rig and controller: a log names the files that it belongs to
 } sv_rig;
 
-// A project's one rig, of rig.c.
+// A project's one rig with its cycle, of rig.c.
 extern const sv_rig servolve_rig;
+extern const sv_cycle servolve_cycle;
 
 // Return the count that a register's bytes hold.
 int32_t sv_register_decode(const sv_register* reg, const uint8_t* data);

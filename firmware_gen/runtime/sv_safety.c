@@ -21,13 +21,7 @@ static float sv_angle(const sv_joint* joint, int32_t count) {
   return (float)(count - joint->zero) * joint->angle_scale;
 }
 
-int32_t sv_milli(float value) {
-  const float scaled = value * 1000.0F;
-  if (!(scaled < 2.0e9F && scaled > -2.0e9F)) {
-    return value > 0.0F ? INT32_MAX : INT32_MIN;
-  }
-  return (int32_t)(scaled < 0.0F ? scaled - 0.5F : scaled + 0.5F);
-}
+int32_t sv_milli(float value) { return sv_round(1000.0F * value); }
 
 int32_t sv_because(sv_watch* watch, int32_t reason, int32_t joint, int32_t a, int32_t b) {
   const sv_why why = {reason, joint, a, b};
