@@ -184,7 +184,7 @@ class ServoBus(ABC):
         answered = [index for index, servo in enumerate(order) if replies[servo].status != "missing"]
         first_silent = answered[-1] + 1 if answered else 0
         behind = order[first_silent + 1 :]
-        if any(servo not in self._silent for servo in behind):
+        if behind and order[first_silent] not in self._silent:
             self._silent.add(order[first_silent])
             replies |= self._sync_read_once(behind, address, length)
         self._silent -= {servo for servo, reply in replies.items() if reply.status != "missing"}

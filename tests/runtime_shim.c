@@ -80,20 +80,26 @@ void shim_open(shim* s, int32_t protocol, int32_t baud, int32_t return_delay_us,
 
 const sv_reply* shim_replies(const shim* s) { return s->replies; }
 
+// what one joint has answered
+static void shim_keep(shim* s, int32_t status) {
+  s->replies[0] = s->bus.reply;
+  s->replies[0].status = (uint8_t)status;
+}
+
 int32_t shim_strays(const shim* s) { return s->bus.strays; }
 
 uint16_t shim_ping(shim* s, int32_t joint) {
   uint16_t model = 0;
-  s->replies[0] = sv_bus_ping(&s->bus, joint, &model);
+  shim_keep(s, sv_bus_ping(&s->bus, joint, &model));
   return model;
 }
 
 void shim_read(shim* s, int32_t joint, int32_t address, int32_t size, uint8_t* data) {
-  s->replies[0] = sv_bus_read(&s->bus, joint, address, size, data);
+  shim_keep(s, sv_bus_read(&s->bus, joint, address, size, data));
 }
 
 void shim_write(shim* s, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
-  s->replies[0] = sv_bus_write(&s->bus, joint, address, data, size);
+  shim_keep(s, sv_bus_write(&s->bus, joint, address, data, size));
 }
 
 void shim_sync_read(shim* s, int32_t address, int32_t size, uint8_t* data) {
@@ -112,14 +118,14 @@ static sv_register shim_register(int32_t address, int32_t size, int32_t encoding
 int32_t shim_read_register(shim* s, int32_t joint, int32_t address, int32_t size, int32_t encoding) {
   const sv_register reg = shim_register(address, size, encoding);
   int32_t count = 0;
-  s->replies[0] = sv_bus_read_register(&s->bus, joint, &reg, 3, &count);
+  shim_keep(s, sv_bus_read_register(&s->bus, joint, &reg, 3, &count));
   return count;
 }
 
 int32_t shim_write_register(shim* s, int32_t joint, int32_t address, int32_t size, int32_t encoding, int32_t count) {
   const sv_register reg = shim_register(address, size, encoding);
   int32_t held = 0;
-  s->replies[0] = sv_bus_write_register(&s->bus, joint, &reg, count, 3, &held);
+  shim_keep(s, sv_bus_write_register(&s->bus, joint, &reg, count, 3, &held));
   return held;
 }
 

@@ -22,14 +22,14 @@ TRAPS = "-fsanitize=undefined -fsanitize-undefined-trap-on-error -ftrapv"
 
 PROTOCOLS = {"dynamixel-2.0": 0, "feetech-sts": 1}
 ENCODINGS = {"unsigned": 0, "twos": 1, "sign15": 2, "sign11": 3, "sign10": 4}
+ALERTS = {"dynamixel-2.0": 0x80, "feetech-sts": 0xFF}
 STATUSES = ("data", "refused", "missing", "corrupt")
 DATA_MAX = 16 * 160
 
 
 class _Reply(ctypes.Structure):
     _fields_ = (
-        *((name, ctypes.c_uint8) for name in ("status", "error", "alert", "late")),
-        ("size", ctypes.c_int32),
+        *((name, ctypes.c_uint8) for name in ("status", "error", "late")),
         ("t_us", ctypes.c_uint32),
     )
 
@@ -115,6 +115,7 @@ class Bus:
 
     def __init__(self, library, line, protocol, ids, baud=1_000_000, return_delay_us=0, patience_us=2000, fast=False):
         self.ids = tuple(ids)
+        self._alerts = ALERTS[protocol]
         self._runtime = Runtime(library)
         self._library = library
         self._hal = _Hal(
@@ -137,7 +138,7 @@ class Bus:
 
     def read(self, servo, address, length):
         self._call("read", self.ids.index(servo), address, length, self._data)
-        return self._said(0, self._data.raw)
+        return self._said(0, self._data.raw[:length])
 
     def write(self, servo, address, data):
         self._call("write", self.ids.index(servo), address, data, len(data))
@@ -145,7 +146,7 @@ class Bus:
 
     def sync_read(self, address, length):
         self._call("sync_read", address, length, self._data)
-        return {servo: self._said(n, self._data.raw[n * length :]) for n, servo in enumerate(self.ids)}
+        return {servo: self._said(n, self._data.raw[n * length :][:length]) for n, servo in enumerate(self.ids)}
 
     def sync_write(self, address, data):
         self._call("sync_write", address, len(data) // len(self.ids), data)
@@ -166,8 +167,9 @@ class Bus:
 
     def _said(self, number, data):
         reply = self._runtime.replies()[number]
-        taken = data[: reply.size] if reply.status == 0 else b""
-        return Said(STATUSES[reply.status], taken, reply.error, bool(reply.alert), bool(reply.late), reply.t_us)
+        taken = data if reply.status == 0 else b""
+        alert = bool(reply.error & self._alerts)
+        return Said(STATUSES[reply.status], taken, reply.error, alert, bool(reply.late), reply.t_us)
 
     def _fill(self, data, taken):
         ctypes.memmove(data, taken, len(taken))

@@ -17,8 +17,7 @@ STATUSES = ("data", "refused", "missing", "corrupt")
 
 class SvReply(ctypes.Structure):
     _fields_ = (
-        *((name, c_uint8) for name in ("status", "error", "alert", "late")),
-        ("size", c_int32),
+        *((name, c_uint8) for name in ("status", "error", "late")),
         ("t_us", c_uint32),
     )
 
@@ -87,7 +86,7 @@ def replies(values):
 
 
 def reply_of(reply):
-    return SvReply(STATUSES.index(reply.status), reply.error, reply.alert, reply.late, len(reply.data), 0)
+    return SvReply(STATUSES.index(reply.status), reply.error, reply.late, 0)
 
 
 def _build(folder, rig, controller):

@@ -31,10 +31,18 @@ static int32_t sv_put_bytes(uint8_t* frame, int32_t at, const uint8_t* bytes, in
   return at + n;
 }
 
-// Put an address or a size, as long as the protocol writes it.
+// Put an address or a size, as long as the protocol writes it, where there is room.
 static int32_t sv_put(const sv_rig* rig, uint8_t* frame, int32_t at, int32_t value) {
-  const uint8_t bytes[2] = {(uint8_t)value, (uint8_t)(value >> 8)};
-  return sv_put_bytes(frame, at, bytes, sv_is_dynamixel(rig) ? 2 : 1);
+  frame[at++] = (uint8_t)value;
+  if (sv_is_dynamixel(rig)) {
+    frame[at++] = (uint8_t)(value >> 8);
+  }
+  return at;
+}
+
+// Put what questions for several registers begin with.
+static int32_t sv_put_block(const sv_rig* rig, uint8_t* frame, int32_t address, int32_t size) {
+  return sv_put(rig, frame, sv_put(rig, frame, sv_parameters(rig), address), size);
 }
 
 // Frame the parameters that end at `end`: return the frame's bytes, 0 if it does not fit. The instructions have the
@@ -51,35 +59,8 @@ static int32_t sv_send(sv_bus* bus, uint8_t id, uint8_t instruction, int32_t end
   return bus->nframe > 0 && sv_bus_send(bus);
 }
 
-static int32_t sv_send_ping(sv_bus* bus, int32_t joint) {
-  return sv_send(bus, SV_RIG(bus)->joints[joint].id, SV_PING2, sv_parameters(SV_RIG(bus)));
-}
-
-static int32_t sv_send_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size) {
-  int32_t at = sv_put(SV_RIG(bus), bus->frame, sv_parameters(SV_RIG(bus)), address);
-  at = sv_put(SV_RIG(bus), bus->frame, at, size);
-  return sv_send(bus, SV_RIG(bus)->joints[joint].id, SV_READ2, at);
-}
-
-static int32_t sv_send_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
-  int32_t at = sv_put(SV_RIG(bus), bus->frame, sv_parameters(SV_RIG(bus)), address);
-  at = sv_put_bytes(bus->frame, at, data, size);
-  return sv_send(bus, SV_RIG(bus)->joints[joint].id, SV_WRITE2, at);
-}
-
-static int32_t sv_send_sync_read(sv_bus* bus, const sv_asked* asked, int32_t address) {
-  int32_t at = sv_put(SV_RIG(bus), bus->frame, sv_parameters(SV_RIG(bus)), address);
-  at = sv_put(SV_RIG(bus), bus->frame, at, asked->size);
-  for (int32_t i = 0; i < asked->n; i++) {
-    at = sv_put_bytes(bus->frame, at, &SV_RIG(bus)->joints[asked->joints[i]].id, 1);
-  }
-  return sv_send(bus, SV_PACKET2_BROADCAST,
-                 SV_FAST_SYNC_READ(SV_RIG(bus)) && asked->fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at);
-}
-
 int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size, const uint8_t* data, uint8_t* frame) {
-  int32_t at = sv_put(rig, frame, sv_parameters(rig), address);
-  at = sv_put(rig, frame, at, size);
+  int32_t at = sv_put_block(rig, frame, address, size);
   for (int32_t joint = 0; joint < rig->njoint; joint++) {
     at = sv_put_bytes(frame, at, &rig->joints[joint].id, 1);
     at = sv_put_bytes(frame, at, data + joint * size, size);
@@ -108,47 +89,56 @@ void sv_bus_init(sv_bus* bus, const sv_rig* rig) {
   sv_bus_forget_late(bus);
 }
 
-// Wait for one joint's reply of `size` data bytes, if the question was sent: => the first `wanted` of them.
-static sv_reply sv_answer(sv_bus* bus, int32_t sent, int32_t joint, int32_t size, int32_t wanted, uint8_t* data) {
-  sv_reply reply = sv_bus_no_reply(SV_REPLY_MISSING);
-  if (sent) {
-    const sv_asked asked = {{(uint8_t)joint}, 1, joint, 0, size};
-    sv_bus_receive(bus, &asked, wanted, &reply, data);
-  }
-  return reply;
+// Ask one joint with the parameters that end at `end`, for `size` data bytes: => the first `wanted` of them.
+static int32_t sv_ask(sv_bus* bus, int32_t joint, uint8_t instruction, int32_t end, int32_t size, int32_t wanted,
+                      uint8_t* data) {
+  const uint8_t joints[1] = {(uint8_t)joint};
+  const sv_asked asked = {joints, 1, size, wanted, joint, &bus->reply, data, 0};
+  sv_bus_receive(bus, &asked, sv_send(bus, SV_RIG(bus)->joints[joint].id, instruction, end));
+  return bus->reply.status;
 }
 
-sv_reply sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model) {
+int32_t sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model) {
   uint8_t data[SV_PONG_SIZE2] = {0};
-  *model = 0;
   bus->echoed = 0;
   const int32_t size = sv_is_dynamixel(SV_RIG(bus)) ? SV_PONG_SIZE2 : 0;
-  sv_reply reply = sv_answer(bus, sv_send_ping(bus, joint), joint, size, size, data);
-  if (!sv_is_dynamixel(SV_RIG(bus)) && (reply.status != SV_REPLY_MISSING || bus->echoed)) {
+  int32_t status = sv_ask(bus, joint, SV_PING2, sv_parameters(SV_RIG(bus)), size, size, data);
+  if (!sv_is_dynamixel(SV_RIG(bus)) && (status != SV_REPLY_MISSING || bus->echoed)) {
     // the answer of a servo whose only error is its voltage equals the question: what it says next is no echo
-    reply = sv_bus_read(bus, joint, SV_MODEL_ADDRESS1, SV_MODEL_SIZE1, data);
+    status = sv_bus_read(bus, joint, SV_MODEL_ADDRESS1, SV_MODEL_SIZE1, data);
   }
-  if (reply.status == SV_REPLY_DATA) {
-    *model = (uint16_t)(data[0] | data[1] << 8);
-  }
-  return reply;
+  *model = (uint16_t)(data[0] | data[1] << 8);
+  return status;
 }
 
-sv_reply sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, uint8_t* data) {
+// Read a block of which `size` bytes are wanted and perhaps a few more asked for.
+static int32_t sv_read(sv_bus* bus, int32_t joint, int32_t address, int32_t asked, int32_t size, uint8_t* data) {
+  const int32_t end = sv_put_block(SV_RIG(bus), bus->frame, address, asked);
+  return sv_ask(bus, joint, SV_READ2, end, asked, size, data);
+}
+
+int32_t sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, uint8_t* data) {
   const int32_t asked = sv_bus_unlike_late(bus, size);
-  sv_reply reply = sv_answer(bus, sv_send_read(bus, joint, address, asked), joint, asked, size, data);
-  if (reply.status == SV_REPLY_REFUSED && asked != size) {  // there is nothing behind the block
-    reply = sv_answer(bus, sv_send_read(bus, joint, address, size), joint, size, size, data);
+  const int32_t status = sv_read(bus, joint, address, asked, size, data);
+  // where it is refused, there may be nothing behind the block
+  return status == SV_REPLY_REFUSED && asked != size ? sv_read(bus, joint, address, size, size, data) : status;
+}
+
+int32_t sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
+  const int32_t begin = sv_put(SV_RIG(bus), bus->frame, sv_parameters(SV_RIG(bus)), address);
+  return sv_ask(bus, joint, SV_WRITE2, sv_put_bytes(bus->frame, begin, data, size), 0, 0, 0);
+}
+
+// Ask several joints for as many bytes as are wanted, and perhaps a few more.
+static void sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address) {
+  asked->size = sv_bus_unlike_late(bus, asked->wanted);
+  int32_t at = sv_put_block(SV_RIG(bus), bus->frame, address, asked->size);
+  for (int32_t i = 0; i < asked->n; i++) {
+    at = sv_put_bytes(bus->frame, at, &SV_RIG(bus)->joints[asked->joints[i]].id, 1);
   }
-  return reply;
+  const int32_t fast = SV_FAST_SYNC_READ(SV_RIG(bus)) && asked->fast;
+  sv_bus_receive(bus, asked, sv_send(bus, SV_PACKET2_BROADCAST, fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at));
 }
-
-sv_reply sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
-  uint8_t nothing = 0;
-  return sv_answer(bus, sv_send_write(bus, joint, address, data, size), joint, 0, 0, &nothing);
-}
-
-static uint32_t sv_all(const sv_bus* bus) { return (UINT32_C(1) << SV_RIG(bus)->njoint) - 1U; }
 
 // Return which joints' replies are missing, a bit each.
 static uint32_t sv_missing(const sv_bus* bus, const sv_reply* replies) {
@@ -159,63 +149,49 @@ static uint32_t sv_missing(const sv_bus* bus, const sv_reply* replies) {
   return missing;
 }
 
-// Ask joints for `size` data bytes and perhaps a few more: => replies, data (by joint).
-static void sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address, int32_t size, sv_reply* replies,
-                              uint8_t* data) {
-  asked->size = sv_bus_unlike_late(bus, size);
-  if (sv_send_sync_read(bus, asked, address)) {
-    sv_bus_receive(bus, asked, size, replies, data);
-    return;
-  }
-  for (int32_t i = 0; i < asked->n; i++) {
-    replies[asked->joints[i]] = sv_bus_no_reply(SV_REPLY_MISSING);
-  }
-}
-
 // Ask one by one in one question. Servos answer in its order, each after the one before it, so a silent one silences
 // all behind it: they are asked once more without it, and from then on it is asked last, where it keeps nobody waiting.
 static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, int32_t size, sv_reply* replies,
                                  uint8_t* data) {
-  sv_asked order = {{0}, 0, 0, 0, 0};
+  uint8_t order[SV_JOINT_MAX];
+  sv_asked asked = {order, 0, size, size, 0, replies, data, 0};
   for (uint32_t silent = 0; silent <= 1; silent++) {
     for (int32_t joint = 0; joint < SV_RIG(bus)->njoint; joint++) {
       if ((joints >> joint & 1U) != 0 && (bus->silent >> joint & 1U) == silent) {
-        order.joints[order.n++] = (uint8_t)joint;
+        order[asked.n++] = (uint8_t)joint;
       }
     }
   }
-  sv_sync_read_once(bus, &order, address, size, replies, data);
-  int32_t first_silent = order.n;
-  while (first_silent > 0 && replies[order.joints[first_silent - 1]].status == SV_REPLY_MISSING) {
-    first_silent--;
+  sv_sync_read_once(bus, &asked, address);
+  int32_t answered = asked.n;
+  while (answered > 0 && replies[order[answered - 1]].status == SV_REPLY_MISSING) {
+    answered--;
   }
-  sv_asked behind = {{0}, 0, 0, 0, 0};
-  int32_t waiting = 0;
-  for (int32_t i = first_silent + 1; i < order.n; i++) {
-    behind.joints[behind.n++] = order.joints[i];
-    waiting = waiting || (bus->silent >> order.joints[i] & 1U) == 0;
-  }
-  if (waiting) {
-    bus->silent |= UINT32_C(1) << order.joints[first_silent];
-    sv_sync_read_once(bus, &behind, address, size, replies, data);
+  const int32_t behind = asked.n - answered - 1;
+  if (behind > 0 && (bus->silent >> order[answered] & 1U) == 0) {
+    bus->silent |= UINT32_C(1) << order[answered];
+    asked.joints = order + answered + 1;
+    asked.n = behind;
+    sv_sync_read_once(bus, &asked, address);
   }
 }
 
-// Ask for one packet of all: none comes where one servo is silent, so who is missing is asked in turn.
+// Ask for one packet of all: none comes where one servo is silent. Return who is missing, a bit each.
 static uint32_t sv_sync_read_fast(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
-  sv_asked all = {{0}, SV_RIG(bus)->njoint, 0, 1, size + SV_LENGTHS - 1};
+  uint8_t order[SV_JOINT_MAX];
+  sv_asked all = {order, SV_RIG(bus)->njoint, size + SV_LENGTHS - 1, size, 0, replies, data, 1};
   for (int32_t joint = 0; joint < all.n; joint++) {
-    all.joints[joint] = (uint8_t)joint;
+    order[joint] = (uint8_t)joint;
   }
   if (sv_bus_fast_size(&all) > (int32_t)sizeof bus->received) {
-    return sv_all(bus);
+    return UINT32_MAX;
   }
-  sv_sync_read_once(bus, &all, address, size, replies, data);
+  sv_sync_read_once(bus, &all, address);
   return sv_missing(bus, replies);
 }
 
 void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
-  uint32_t joints = sv_all(bus);
+  uint32_t joints = UINT32_MAX;
   if (SV_FAST_SYNC_READ(SV_RIG(bus)) && bus->whole) {
     joints = sv_sync_read_fast(bus, address, size, replies, data);
   }
@@ -234,25 +210,24 @@ void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t
   }
 }
 
-sv_reply sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count) {
+int32_t sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count) {
   uint8_t data[sizeof(int32_t)] = {0};
-  sv_reply reply = sv_bus_no_reply(SV_REPLY_MISSING);
-  for (int32_t i = 0; i < attempts && reply.status >= SV_REPLY_MISSING; i++) {
-    reply = sv_bus_read(bus, joint, reg->address, reg->size, data);
+  int32_t status = SV_REPLY_MISSING;
+  for (int32_t i = 0; i < attempts && status >= SV_REPLY_MISSING; i++) {
+    status = sv_bus_read(bus, joint, reg->address, reg->size, data);
   }
-  *count = reply.status == SV_REPLY_DATA ? sv_register_decode(reg, data) : 0;
-  return reply;
+  *count = sv_register_decode(reg, data);
+  return status;
 }
 
-sv_reply sv_bus_write_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t count, int32_t attempts,
-                               int32_t* held) {
-  uint8_t data[sizeof(int32_t)] = {0};
-  *held = 0;
+int32_t sv_bus_write_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t count, int32_t attempts,
+                              int32_t* held) {
+  uint8_t data[sizeof(int32_t)];
   sv_register_encode(reg, count, data);
-  sv_reply reply = sv_bus_no_reply(SV_REPLY_MISSING);
-  for (int32_t i = 0; i < attempts && reply.status >= SV_REPLY_MISSING; i++) {
-    reply = sv_bus_write(bus, joint, reg->address, data, reg->size);
+  int32_t status = SV_REPLY_MISSING;
+  for (int32_t i = 0; i < attempts && status >= SV_REPLY_MISSING; i++) {
+    status = sv_bus_write(bus, joint, reg->address, data, reg->size);
   }
   // a lost answer tells nothing: what the register holds does
-  return reply.status == SV_REPLY_REFUSED ? reply : sv_bus_read_register(bus, joint, reg, attempts, held);
+  return status == SV_REPLY_REFUSED ? status : sv_bus_read_register(bus, joint, reg, attempts, held);
 }

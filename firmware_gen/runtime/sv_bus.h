@@ -27,10 +27,8 @@ typedef enum {
 
 typedef struct {
   uint8_t status;  // sv_reply_status
-  uint8_t error;   // the packet's error byte
-  uint8_t alert;   // whether the servo reports that something is wrong with it
+  uint8_t error;   // the packet's error byte; with data: that something is wrong with the servo, not with the question
   uint8_t late;    // whether it is missing, but an answer to an earlier question has come since it was last asked
-  int32_t size;    // bytes of data
   uint32_t t_us;   // when it had been read, or was given up
 } sv_reply;
 
@@ -47,6 +45,7 @@ typedef struct {
   uint32_t deadline_us;
   int32_t patience_us;
   uint32_t nbyte;  // bytes sent and received
+  sv_reply reply;  // the last of a joint that was asked by itself
   int32_t strays_seen[SV_JOINT_MAX];
   uint32_t lost_us[SV_LENGTHS];    // when a reply was last lost, by its data bytes modulo SV_LENGTHS
   uint8_t received[SV_FRAME_MAX];  // bytes of the transaction that are not used yet
@@ -56,14 +55,16 @@ typedef struct {
 // Start with an empty line.
 void sv_bus_init(sv_bus* bus, const sv_rig* rig);
 
+// What asks one joint returns the status of its reply.
+
 // Ask joint number `joint` whether it is there: => its model number.
-sv_reply sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model);
+int32_t sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model);
 
 // Read a block: => data (size).
-sv_reply sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, uint8_t* data);
+int32_t sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, uint8_t* data);
 
 // Write a block.
-sv_reply sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size);
+int32_t sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size);
 
 // Read the same block of every joint: => replies (njoint), data (njoint, size).
 void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data);
@@ -75,13 +76,12 @@ void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t
 // fit. Needs no bus: for fault handlers.
 int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size, const uint8_t* data, uint8_t* frame);
 
-// Read one register, trying again where the reply is lost: => count; return the last reply.
-sv_reply sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count);
+// Read one register, trying again where the reply is lost: => count, 0 where there is none.
+int32_t sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count);
 
-// Write one register and read it back: => the count that it holds then, where the reply is SV_REPLY_DATA; return the
-// last reply.
-sv_reply sv_bus_write_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t count, int32_t attempts,
-                               int32_t* held);
+// Write one register and read it back: => the count that it holds then, where the status is SV_REPLY_DATA.
+int32_t sv_bus_write_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t count, int32_t attempts,
+                              int32_t* held);
 
 #ifdef __cplusplus
 }

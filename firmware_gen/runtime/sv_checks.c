@@ -33,7 +33,7 @@ static void sv_find(sv_robot* robot, sv_findings* findings, int32_t finding, int
   sv_log_finding(robot, SV_ERROR, finding, joint, address, value, low, high);
 }
 
-static sv_reply sv_ping(sv_robot* robot, int32_t joint, uint16_t* model) {
+static int32_t sv_ping(sv_robot* robot, int32_t joint, uint16_t* model) {
   sv_hal_feed_watchdog();
   return sv_bus_ping(&robot->bus, joint, model);
 }
@@ -44,24 +44,24 @@ static int32_t sv_patient_ping_us(sv_robot* robot, int32_t joint) {
   const int32_t usual_us = robot->bus.patience_us;
   const uint32_t asked_us = sv_hal_now_us();
   robot->bus.patience_us = SV_PATIENCE_US;
-  const sv_reply reply = sv_ping(robot, joint, &model);
+  const int32_t status = sv_ping(robot, joint, &model);
   robot->bus.patience_us = usual_us;
-  return reply.status == SV_REPLY_DATA ? (int32_t)(reply.t_us - asked_us) : -1;
+  return status == SV_REPLY_DATA ? (int32_t)(robot->bus.reply.t_us - asked_us) : -1;
 }
 
 // Return whether the right servo is there.
 static int32_t sv_is_there(sv_robot* robot, sv_findings* findings, int32_t joint) {
   uint16_t model = 0;
-  sv_reply reply = sv_ping(robot, joint, &model);
-  for (int32_t i = 1; i < SV_ATTEMPTS && reply.status != SV_REPLY_DATA; i++) {
-    reply = sv_ping(robot, joint, &model);
+  int32_t status = SV_REPLY_MISSING;
+  for (int32_t i = 0; i < SV_ATTEMPTS && status != SV_REPLY_DATA; i++) {
+    status = sv_ping(robot, joint, &model);
   }
-  if (reply.status == SV_REPLY_MISSING) {
+  if (status == SV_REPLY_MISSING) {
     const int32_t slow_us = sv_patient_ping_us(robot, joint);
     sv_find(robot, findings, slow_us < 0 ? SV_FINDING_ABSENT : SV_FINDING_LATE, joint, 0, slow_us, 0, 0);
     return 0;
   }
-  if (reply.status != SV_REPLY_DATA) {
+  if (status != SV_REPLY_DATA) {
     sv_find(robot, findings, SV_FINDING_CORRUPT, joint, 0, 0, 0, 0);
     return 0;
   }
@@ -85,17 +85,17 @@ static int32_t sv_read_tables(sv_robot* robot, sv_findings* findings, int32_t jo
     const sv_block* block = SV_RIG(robot)->joints[joint].tables + n;
     const uint32_t asked_us = sv_hal_now_us();
     sv_hal_feed_watchdog();
-    sv_reply reply = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
-    if (reply.status == SV_REPLY_DATA) {
-      const int32_t waited_us = sv_waited_us(SV_RIG(robot), &reply, asked_us, block->size);
+    int32_t status = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
+    if (status == SV_REPLY_DATA) {
+      const int32_t waited_us = sv_waited_us(SV_RIG(robot), &robot->bus.reply, asked_us, block->size);
       findings->waited_us = waited_us < findings->waited_us ? waited_us : findings->waited_us;
     }
-    for (int32_t i = 1; i < SV_ATTEMPTS && reply.status != SV_REPLY_DATA; i++) {
-      reply = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
+    for (int32_t i = 1; i < SV_ATTEMPTS && status != SV_REPLY_DATA; i++) {
+      status = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
     }
-    if (reply.status != SV_REPLY_DATA) {
-      sv_find(robot, findings, SV_FINDING_UNREADABLE, joint, block->address, reply.status == SV_REPLY_CORRUPT,
-              block->address, block->address + block->size - 1);
+    if (status != SV_REPLY_DATA) {
+      sv_find(robot, findings, SV_FINDING_UNREADABLE, joint, block->address, status == SV_REPLY_CORRUPT, block->address,
+              block->address + block->size - 1);
       return 0;
     }
     sv_log_block(robot, SV_RECORD_READING, joint, block, tables->bytes[n]);

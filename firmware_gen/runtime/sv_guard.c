@@ -12,9 +12,9 @@
 
 // Return the count of a register, or other where it can not be read.
 static int32_t sv_ask(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t attempts, int32_t other) {
-  int32_t count = other;
-  const sv_reply reply = sv_bus_read_register(&robot->bus, joint, reg, attempts, &count);
-  return reply.status == SV_REPLY_DATA ? count : other;
+  int32_t count;
+  const int32_t status = sv_bus_read_register(&robot->bus, joint, reg, attempts, &count);
+  return status == SV_REPLY_DATA ? count : other;
 }
 
 // Look into what servos report. A byte may have been damaged, so what is wrong is asked again; an alert that is not
@@ -91,7 +91,7 @@ int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* bl
   const sv_joint* joint = SV_RIG(robot)->joints + number;
   int32_t count = 0;
   int32_t temperature = 0;
-  if (sv_bus_read(&robot->bus, number, block->address, block->size, data).status != SV_REPLY_DATA) {
+  if (sv_bus_read(&robot->bus, number, block->address, block->size, data) != SV_REPLY_DATA) {
     return 0;
   }
   sv_log_block(robot, SV_RECORD_HEALTH, number, block, data);

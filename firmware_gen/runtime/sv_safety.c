@@ -84,7 +84,7 @@ int32_t sv_judge_alert(const sv_rig* rig, sv_watch* watch, int32_t joint, const 
     return 0;
   }
   int32_t* alerted = &watch->joints[joint].alerted;
-  *alerted = reply->alert ? *alerted + 1 : 0;
+  *alerted = reply->error != 0 ? *alerted + 1 : 0;
   const int32_t passing = SV_PROTOCOL(rig) != SV_DYNAMIXEL2 && reply->error == SV_VOLTAGE_BIT;
   return *alerted >= (passing ? SV_PERSISTENT : 1);
 }

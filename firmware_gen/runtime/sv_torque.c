@@ -17,17 +17,17 @@ static int32_t sv_not_taken(sv_robot* robot, int32_t joint, const sv_register* r
 
 // Read one register: => count.
 static int32_t sv_get(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t* count) {
-  const sv_reply reply = sv_bus_read_register(&robot->bus, joint, reg, SV_ATTEMPTS, count);
-  return reply.status != SV_REPLY_DATA && sv_not_taken(robot, joint, reg, (int32_t)reply.status << 16 | reply.error);
+  const int32_t status = sv_bus_read_register(&robot->bus, joint, reg, SV_ATTEMPTS, count);
+  return status != SV_REPLY_DATA && sv_not_taken(robot, joint, reg, status << 16 | robot->bus.reply.error);
 }
 
 // Write one register and read it back.
 static int32_t sv_set(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t count) {
   int32_t held = 0;
   sv_hal_feed_watchdog();
-  const sv_reply reply = sv_bus_write_register(&robot->bus, joint, reg, count, SV_ATTEMPTS, &held);
-  if (reply.status != SV_REPLY_DATA) {
-    return sv_not_taken(robot, joint, reg, (int32_t)reply.status << 16 | reply.error);
+  const int32_t status = sv_bus_write_register(&robot->bus, joint, reg, count, SV_ATTEMPTS, &held);
+  if (status != SV_REPLY_DATA) {
+    return sv_not_taken(robot, joint, reg, status << 16 | robot->bus.reply.error);
   }
   return held != count && sv_not_taken(robot, joint, reg, held);
 }
@@ -92,16 +92,15 @@ static void sv_clear_all(sv_robot* robot, const sv_register* reg) {
 static int32_t sv_is_zero(sv_robot* robot, int32_t joint, const sv_register* reg) {
   int32_t count = 1;
   sv_hal_feed_watchdog();
-  const sv_reply reply = sv_bus_read_register(&robot->bus, joint, reg, 1, &count);
-  return reply.status == SV_REPLY_DATA && count == 0;
+  return sv_bus_read_register(&robot->bus, joint, reg, 1, &count) == SV_REPLY_DATA && count == 0;
 }
 
 // Set a register to 0, once; return whether it reads so.
 static int32_t sv_clear(sv_robot* robot, int32_t joint, const sv_register* reg) {
   const uint8_t zeros[4] = {0};
   sv_hal_feed_watchdog();
-  const sv_reply reply = sv_bus_write(&robot->bus, joint, reg->address, zeros, reg->size);
-  return reply.status != SV_REPLY_REFUSED && sv_is_zero(robot, joint, reg);
+  return sv_bus_write(&robot->bus, joint, reg->address, zeros, reg->size) != SV_REPLY_REFUSED &&
+         sv_is_zero(robot, joint, reg);
 }
 
 // Switch one servo's torque and watchdog off and let its velocity be 0; return whether it reads so.
