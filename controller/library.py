@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, c_float, c_int32, c_uint32, c_void_p
+from ctypes import POINTER, c_float, c_int32, c_uint16, c_uint32, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import ClassVar, Final
@@ -16,7 +16,6 @@ REMEDY: Final = "run `make setup`, or `pip install -e .` in the checkout"
 
 OUTPUT_MAX: Final = 32
 HEALTH_MAX: Final = 4
-TRANSACTION_MAX: Final = 4
 
 
 class SvProgram(ctypes.Structure):
@@ -98,7 +97,7 @@ class SvCycleState(ctypes.Structure):
 class SvBlock(ctypes.Structure):
     """Mirror `sv_block` of `runtime/sv_schedule.h`."""
 
-    _fields_: ClassVar = [("address", c_int32), ("size", c_int32)]
+    _fields_: ClassVar = [("address", c_uint16), ("size", c_uint16)]
 
 
 class SvSchedule(ctypes.Structure):
@@ -117,7 +116,7 @@ class SvSchedule(ctypes.Structure):
 class SvTransaction(ctypes.Structure):
     """Mirror `sv_transaction` of `runtime/sv_schedule.h`."""
 
-    _fields_: ClassVar = [("kind", c_int32), ("servo", c_int32), ("block", SvBlock)]
+    _fields_: ClassVar = [("kind", c_int32), ("servo", c_int32), ("block", POINTER(SvBlock))]
 
 
 class SvAxis(ctypes.Structure):
@@ -178,7 +177,7 @@ def _declare(lib: ctypes.CDLL) -> None:
     lib.sv_cycle_step.restype = None
     lib.sv_encode.argtypes = (POINTER(SvTerminal), c_float)
     lib.sv_encode.restype = c_int32
-    lib.sv_schedule_period.argtypes = (POINTER(SvSchedule), c_int32, POINTER(SvTransaction))
+    lib.sv_schedule_due.argtypes = (POINTER(SvSchedule), c_int32, c_int32, POINTER(SvTransaction))
     axis = POINTER(SvAxis)
     lib.sv_homing_periods.argtypes = (axis, c_int32, c_int32, c_float)
     lib.sv_homing_goal.argtypes = (c_int32,) * 4

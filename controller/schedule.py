@@ -6,7 +6,7 @@ from ctypes import byref
 from dataclasses import dataclass
 from enum import IntEnum
 
-from controller.library import HEALTH_MAX, TRANSACTION_MAX, SvBlock, SvSchedule, SvTransaction, library
+from controller.library import HEALTH_MAX, SvBlock, SvSchedule, SvTransaction, library
 from controller.registers import registers
 from controller.rig import Rig
 
@@ -99,9 +99,9 @@ def period(schedule: Schedule, k: int) -> tuple[Transaction, ...]:
         (SvBlock * HEALTH_MAX)(*(SvBlock(*block) for block in schedule.health)),
         schedule.health_every,
     )
-    listed = (SvTransaction * TRANSACTION_MAX)()
-    count = library().sv_schedule_period(byref(packed), k, listed)
-    return tuple(
-        Transaction(TransactionKind(item.kind), item.servo, item.block.address, item.block.size)
-        for item in listed[:count]
-    )
+    due = SvTransaction()
+    listed: list[Transaction] = []
+    while library().sv_schedule_due(byref(packed), k, len(listed), byref(due)):
+        address, size = (due.block[0].address, due.block[0].size) if due.block else (0, 0)
+        listed.append(Transaction(TransactionKind(due.kind), due.servo, address, size))
+    return tuple(listed)

@@ -77,7 +77,6 @@ def test_bounds_and_kinds_are_those_of_the_headers():
         "COUNT_MAX": 2**30,
         "RAW_MAX": 128,
         "HEALTH_MAX": library.HEALTH_MAX,
-        "TRANSACTION_MAX": library.TRANSACTION_MAX,
     }
     assert library.OUTPUT_MAX == verifier.OUTPUT_MAX
     enums = dict(re.findall(r"SV_(\w+) = (\d+)", text))

@@ -1,20 +1,19 @@
 #include "sv_schedule.h"
 
-int32_t sv_schedule_period(const sv_schedule* schedule, int32_t k, sv_transaction* transactions) {
-  const sv_block nothing = {0, 0};
-  const sv_transaction read = {SV_READ_STATE, -1, schedule->state};
-  const sv_transaction run = {SV_RUN_CYCLE, -1, nothing};
-  const sv_transaction write = {SV_WRITE_GOALS, -1, schedule->goal};
-  transactions[0] = read;
-  transactions[1] = run;
-  transactions[2] = write;
-  if (schedule->nservo < 1 || schedule->nhealth < 1 || schedule->health_every < 1 || k < 0 ||
+int32_t sv_schedule_due(const sv_schedule* schedule, int32_t k, int32_t i, sv_transaction* due) {
+  const sv_block* const blocks[SV_READ_HEALTH] = {&schedule->state, 0, &schedule->goal};
+  due->kind = i;
+  due->servo = -1;
+  if (i < SV_READ_HEALTH) {
+    due->block = blocks[i];
+    return 1;
+  }
+  if (i > SV_READ_HEALTH || schedule->nservo < 1 || schedule->nhealth < 1 || schedule->health_every < 1 || k < 0 ||
       k % schedule->health_every != schedule->health_every - 1) {
-    return 3;
+    return 0;
   }
   const int32_t turn = k / schedule->health_every;
-  const int32_t servo = turn % schedule->nservo;
-  const sv_transaction health = {SV_READ_HEALTH, servo, schedule->health[turn / schedule->nservo % schedule->nhealth]};
-  transactions[3] = health;
-  return 4;
+  due->servo = turn % schedule->nservo;
+  due->block = schedule->health + turn / schedule->nservo % schedule->nhealth;
+  return 1;
 }

@@ -13,9 +13,9 @@
 extern "C" {
 #endif
 
-#define SV_HEALTH_MAX 4       // health blocks of a servo
-#define SV_TRANSACTION_MAX 4  // entries of a period
+#define SV_HEALTH_MAX 4  // health blocks of a servo
 
+// in the order of a period
 typedef enum {
   SV_READ_STATE = 0,   // sync read of all servos
   SV_RUN_CYCLE = 1,    // no bus traffic: sv_cycle_step
@@ -24,8 +24,8 @@ typedef enum {
 } sv_transaction_kind;
 
 typedef struct {
-  int32_t address;  // first register
-  int32_t size;     // bytes
+  uint16_t address;  // first register
+  uint16_t size;     // bytes
 } sv_block;
 
 typedef struct {
@@ -38,13 +38,13 @@ typedef struct {
 } sv_schedule;
 
 typedef struct {
-  int32_t kind;    // sv_transaction_kind
-  int32_t servo;   // index on the bus for SV_READ_HEALTH, else -1
-  sv_block block;  // what is read or written; {0, 0} for SV_RUN_CYCLE
+  int32_t kind;           // sv_transaction_kind
+  int32_t servo;          // index on the bus for SV_READ_HEALTH, else -1
+  const sv_block* block;  // what is read or written; 0 for SV_RUN_CYCLE
 } sv_transaction;
 
-// List what happens in period k >= 0, in order: => transactions (SV_TRANSACTION_MAX); return how many.
-int32_t sv_schedule_period(const sv_schedule* schedule, int32_t k, sv_transaction* transactions);
+// Tell what happens as number i >= 0 in period k >= 0: => due; return whether anything does.
+int32_t sv_schedule_due(const sv_schedule* schedule, int32_t k, int32_t i, sv_transaction* due);
 
 #ifdef __cplusplus
 }

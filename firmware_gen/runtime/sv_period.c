@@ -86,7 +86,7 @@ static int32_t sv_do(sv_robot* robot, int32_t k, const sv_transaction* due, int3
   sv_period* done = &robot->done;
   switch (due->kind) {
     case SV_READ_STATE:
-      sv_read_servos(robot, &due->block);
+      sv_read_servos(robot, due->block);
       sv_read_sensors(robot);
       done->read_us = sv_hal_now_us();
       return 0;
@@ -97,24 +97,23 @@ static int32_t sv_do(sv_robot* robot, int32_t k, const sv_transaction* due, int3
     case SV_WRITE_GOALS:
       done->sent = !faulty && !sv_refuse(robot, done->aimed);
       if (done->sent) {
-        sv_write_goals(robot, &due->block, done->aimed);
+        sv_write_goals(robot, due->block, done->aimed);
       }
       done->ended_us = sv_hal_now_us();
       return !done->sent;
     default:
-      return !faulty && sv_look_after_health(robot, due->servo, &due->block);
+      return !faulty && sv_look_after_health(robot, due->servo, due->block);
   }
 }
 
 int32_t sv_walk(sv_robot* robot, int32_t k) {
   sv_period* done = &robot->done;
-  sv_transaction due[SV_TRANSACTION_MAX];
+  sv_transaction due;
   sv_await_period(robot);
   done->started_us = sv_hal_now_us();
   int32_t faulty = sv_stalled(robot, done->started_us);
-  const int32_t ndue = sv_schedule_period(&SV_RIG(robot)->schedule, k, due);
-  for (int32_t i = 0; i < ndue; i++) {
-    faulty = sv_do(robot, k, due + i, faulty) || faulty;
+  for (int32_t i = 0; sv_schedule_due(&SV_RIG(robot)->schedule, k, i, &due); i++) {
+    faulty = sv_do(robot, k, &due, faulty) || faulty;
   }
   robot->ended_us = sv_hal_now_us();
   done->overran = robot->ended_us - robot->begin_us > (uint32_t)SV_RIG(robot)->period_us;
