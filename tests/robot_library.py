@@ -29,6 +29,7 @@ int64_t starved(void);
 const uint8_t* sent(int32_t* n);
 int32_t state(sv_why* why);
 void press(uint32_t active);
+void pass(int32_t us);
 const sv_wish* type(const uint8_t* bytes, int32_t n);
 const char* answer(void);
 const char* heard(int32_t* n);
@@ -59,6 +60,7 @@ int32_t state(sv_why* why) {
   return robot.state;
 }
 void press(uint32_t active) { inputs = active; }
+void pass(int32_t us) { now_us += us; }
 const sv_wish* type(const uint8_t* bytes, int32_t n) {
   typed = bytes;
   ntyped = n;

@@ -104,17 +104,49 @@ def test_what_is_no_command_changes_nothing(console, words):
     assert console.answer == b"what? try help\r\n"
 
 
-def test_the_start_input_arms_and_starts_once_it_was_seen_open(console):
-    console.library.press(2)
+STOP, START = 1, 2
+
+
+def hold(console, *phases):
+    """Let the inputs be as each phase says (active, for so many milliseconds); return the wish."""
+    for active, ms in phases:
+        console.library.press(active)
+        for _ in range(ms):
+            wish = console.type(b"")
+            console.library["pass"](1000)
+    return wish
+
+
+@pytest.mark.parametrize(
+    ("phases", "starts"),
+    [
+        (((START, 200),), 0),  # held from the boot on
+        (((START, 100), (0, 25), (START, 200)), 0),  # never open for long
+        (((0, 100), (START, 25), (0, 100)), 0),  # too short
+        (((0, 100), (START, 32)), 1),
+        (((START, 100), (0, 32), (START, 32)), 1),
+        (((0, 100), *((START, 3), (0, 3)) * 20), 0),  # noise
+        (((0, 100), *((START, 3), (0, 3)) * 5, (START, 32)), 1),  # a bouncing press
+        (((START, 100), *((0, 3), (START, 3)) * 20, (0, 100)), 0),  # a bouncing release
+    ],
+)
+def test_the_start_input_arms_and_starts_when_it_was_open_and_is_closed_without_bouncing(console, phases, starts):
+    console.library.press(phases[0][0])
     console.library.boot(0, 0, 0)
-    assert console.type(b"").start == 0
-    console.library.press(0)
-    console.type(b"")
-    console.library.press(2)
-    wish = console.type(b"")
-    assert (wish.arm, wish.start, wish.stop) == (1, 1, 0)
-    console.library.press(1)
-    assert console.type(b"").stop == 17
+    wish = hold(console, *phases)
+    assert (wish.arm, wish.start, wish.stop) == (starts, starts, 0)
+
+
+def test_a_button_that_is_held_through_a_run_and_bounces_when_let_go_starts_no_other(console):
+    assert hold(console, (0, 100), (START, 40)).start == 1
+    console.library.run()  # nobody answers
+    wish = hold(console, (START, 100), *((0, 3), (START, 3)) * 10, (0, 100))
+    assert (wish.arm, wish.start) == (0, 0)
+    assert hold(console, (START, 40)).start == 1
+
+
+def test_the_stop_input_is_taken_at_once(console):
+    assert hold(console, (STOP, 1)).stop == 17
 
 
 @given(digits=st.text("0123456789", min_size=1, max_size=9), point=st.integers(0, 9), minus=st.booleans())

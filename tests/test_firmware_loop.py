@@ -123,4 +123,4 @@ def test_the_start_input_does_what_arm_and_start_do(tmp_path):
         ),
     )
     assert (pressed.outcome.state, pressed.outcome.done, pressed.outcome.cycles) == (State.OFF, True, 50)
-    assert pressed.frames[0][1] >= 0.1
+    assert 0.13 <= pressed.frames[0][1] <= 0.15  # not before it was steady

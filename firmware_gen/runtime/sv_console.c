@@ -6,7 +6,8 @@
 #define SV_DIGITS_MAX 9
 #define SV_SECONDS_MAX 4000U
 #define SV_MICRO_PLACES 6
-#define SV_CHUNKS_MAX 64  // reads in one go: no babbling line holds it up
+#define SV_STEADY_US 30000U  // a button that has not changed for so long does not bounce
+#define SV_CHUNKS_MAX 64     // reads in one go: no babbling line holds it up
 
 static const float kGoalMax = 1000.0F;  // [m], [rad]
 
@@ -231,16 +232,24 @@ static void sv_take(sv_robot* robot, uint8_t byte) {
 
 static void sv_look_at_inputs(sv_robot* robot) {
   const uint32_t inputs = sv_hal_inputs();
-  const uint8_t pressed = (inputs & (uint32_t)SV_INPUT_START) != 0U;
+  const uint32_t now_us = sv_hal_now_us();
+  const uint8_t closed = (inputs & (uint32_t)SV_INPUT_START) != 0U;
   if ((inputs & (uint32_t)SV_INPUT_STOP) != 0U && robot->wish.stop == SV_REASON_NONE) {
     robot->wish.stop = SV_REASON_STOP_INPUT;
   }
-  // only a button that was seen open and is closed now was pressed
-  if (pressed && !robot->pressed && !robot->wish.start) {
+  if (closed != robot->closed) {
+    robot->closed = closed;
+    robot->turned_us = now_us;
+  }
+  if (closed == robot->pressed || now_us - robot->turned_us < SV_STEADY_US) {
+    return;
+  }
+  // only a button that was open, and is closed now, was pressed
+  robot->pressed = closed;
+  if (closed && !robot->wish.start) {
     robot->wish.arm = 1;
     sv_wish_start(robot);
   }
-  robot->pressed = pressed;
 }
 
 void sv_console_listen(sv_robot* robot) {

@@ -172,6 +172,7 @@ void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_
   robot->memory = memory;
   robot->log_us = sv_hal_now_us();
   robot->state = SV_STATE_OFF;
+  robot->closed = 1;
   robot->pressed = 1;
   robot->holding = 0;
   robot->ncommand = 0;

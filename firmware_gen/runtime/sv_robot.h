@@ -56,9 +56,11 @@ typedef struct {
   float* registers;  // the controller's memory
   float* memory;
   uint8_t state;    // sv_state
-  uint8_t pressed;  // whether the start input was active when last looked at
+  uint8_t closed;   // whether the start input was active when last looked at
+  uint8_t pressed;  // whether it was when it had last been steady
   uint8_t holding;  // whether the last run has left torque on: a stop takes it
   uint8_t ncommand;
+  uint32_t turned_us;  // when `closed` last changed
   sv_wish wish;
   sv_counts counts;
   uint32_t program;             // its fingerprint
