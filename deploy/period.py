@@ -13,6 +13,7 @@ from typing import Final, TypeAlias
 from controller.controller import Controller
 from controller.errors import RunError
 from controller.homing import speed_inside
+from controller.needed_sensors import needed_sensors
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.schedule import Transaction, TransactionKind, period, schedule_of
@@ -33,7 +34,6 @@ from deploy.safety import (
     judge_timing,
     judge_torque,
     judge_tracking,
-    needed_sensors,
 )
 from deploy.sensor_port import SensorPort
 from deploy.servo_bus import BusError, Reply, ServoBus

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from controller.controller import Controller
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from deploy.joint_counts import joint_speed
@@ -37,8 +36,6 @@ estimates."""
 _SPEED_SHARE: Final = 0.2
 """Below this part of the speed asked for a joint counts as blocked, unless it is asked for less than this part of its
 fastest: an estimate."""
-
-_POSE_TERMINALS: Final = ("px", "py", "goal_met", "heading_error")
 
 
 @dataclass
@@ -70,26 +67,6 @@ class Watch:
     low: dict[int, int] = field(default_factory=dict)
     tilted: int = 0
     overruns: int = 0
-
-
-def needed_sensors(rig: Rig, controller: Controller) -> frozenset[int]:
-    """Return the numbers of the sensors that must stay fresh: those that the controller or the tilt guard reads.
-
-    Args:
-        rig: the rig
-        controller: the controller
-    """
-    terminals = {terminal.name for terminal in controller.inputs}
-    names: set[str] = set()
-    if terminals & set(_POSE_TERMINALS):
-        names |= {"x", "y", "heading"}
-    if "pz" in terminals:
-        names.add("z")
-    if rig.safety.tilt_rad_max > 0.0:
-        names |= {"roll", "pitch"}
-    return frozenset(
-        number for number, sensor in enumerate(rig.sensors) if sensor.name in names or sensor.terminal in terminals
-    )
 
 
 def judge_replies(rig: Rig, watch: Watch, replies: Mapping[int, Reply]) -> str | None:

@@ -13,6 +13,7 @@ from safety_library import Judges, replies, reply_of
 from test_velocity_rig import TURN
 
 from controller import load_rig, parse_controller
+from controller.needed_sensors import needed_sensors
 from deploy import safety
 from deploy.joint_counts import joint_angle
 from deploy.servo_bus import Reply
@@ -41,7 +42,7 @@ class Pair:
         self.host_rig = between(self.rig)
         self.controller = RIGS[name]
         self.judges = Judges(folder, self.rig, self.controller)
-        self.needed = safety.needed_sensors(self.rig, self.controller)
+        self.needed = needed_sensors(self.rig, self.controller)
         self.start()
 
     def start(self):

@@ -15,12 +15,13 @@ from controller.errors import InputError
 from controller.families import family_of
 from controller.library import SvOutput, SvTerminal
 from controller.native import lay_out_cycle
+from controller.needed_sensors import needed_sensors
 from controller.register import decode_register, encode_register
 from controller.rig_file import rig_names
 from controller.schedule import schedule_of
 from deploy import checks
 from deploy.joint_counts import goal_limits, joint_angle, joint_count, joint_speed, speed_count
-from deploy.safety import judge_hardware_error, needed_sensors
+from deploy.safety import judge_hardware_error
 from deploy.servo_findings import setting_findings, state_findings
 from deploy.torque import settings_in_ram
 from firmware_gen.projects.plain import plain

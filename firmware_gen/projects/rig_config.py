@@ -8,6 +8,7 @@ from typing import Final
 from controller import Controller
 from controller.cycle import CycleSpec, OutputSpec, resolve_cycle
 from controller.errors import InputError
+from controller.needed_sensors import needed_sensors
 from controller.rig import Rig, Safety, Sensor
 from controller.rig_file import require_bus
 from controller.schedule import schedule_of
@@ -15,7 +16,6 @@ from controller.terminals import TerminalSpec
 from firmware_gen.projects.fingerprints import program_fingerprint, rig_fingerprint
 from firmware_gen.projects.joint_config import joint_lines
 from firmware_gen.projects.plain import plain
-from firmware_gen.projects.rig_needs import needed_sensors
 from firmware_gen.projects.rig_sizes import PROTOCOLS, message_letters
 from firmware_gen.projects.rig_text import field_lines, float_c, microseconds, pair_c, row_lines
 from firmware_gen.transpiler.unit import Unit

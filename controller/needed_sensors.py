@@ -1,10 +1,10 @@
-"""Which sensors a run can not do without: the rule of the host loop."""
+"""Which sensors a run can not do without, driven by the host loop or by firmware."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from controller import Controller
+from controller.controller import Controller
 from controller.rig import Rig
 
 _POSE_TERMINALS: Final = ("px", "py", "goal_met", "heading_error")
@@ -16,6 +16,9 @@ def needed_sensors(rig: Rig, controller: Controller) -> frozenset[int]:
     Args:
         rig: the rig
         controller: the controller
+
+    Returns:
+        their places in the rig's list
     """
     terminals = {terminal.name for terminal in controller.inputs}
     names: set[str] = set()
