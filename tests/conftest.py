@@ -8,6 +8,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from served_rig import serve
 
+from controller import Controller, Input, Output, lower
 from controller.operations import OPERATIONS
 from controller.source import Apply, Constant, Last, Name, Source
 
@@ -142,6 +143,24 @@ def large_source(rng):
     return build_source(lambda n: int(rng.integers(n)), word, int(rng.integers(10, 60)))
 
 
+def random_controller(seed, reach=4.0):
+    """Return a controller of a large program.
+
+    Args:
+        seed: of the program
+        reach: every terminal is between -reach and reach
+    """
+    source = large_source(np.random.default_rng(seed))
+    return Controller(
+        name=f"random{seed}",
+        period_s=0.02,
+        inputs=tuple(Input(terminal, "1", -reach, reach) for terminal in TERMINALS),
+        outputs=tuple(Output(f"j{i}", "position", "deg", -50.0, 50.0, 1.5) for i in range(len(source.outputs))),
+        source=source,
+        program=lower(source, TERMINALS),
+    )
+
+
 def any_floats(rng, shape):
     """Draw floats of every kind: any bits, edges, moderate values, subnormals."""
     words = rng.integers(0, 2**32, shape, dtype=np.uint32)
@@ -172,6 +191,7 @@ class Programs:
     sources = staticmethod(sources)
     rows = staticmethod(rows)
     large_source = staticmethod(large_source)
+    random_controller = staticmethod(random_controller)
     any_floats = staticmethod(any_floats)
     same = staticmethod(same)
 

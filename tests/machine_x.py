@@ -3,7 +3,7 @@
 import re
 
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine
+from line_master import LineMaster
 from manual import Memory, load_items
 from manual_x import (
     ALERT,
@@ -22,25 +22,20 @@ from manual_x import (
 )
 
 from controller.rig_file import load_rig, parse_rig
-from deploy.virtual.rig import VirtualRig
 
 INDEX = st.integers(0, 2)
 KIND = st.sampled_from(["low", "high", "below", "above", "within", "within", "initial"])
 NUMBER = st.integers(0, 2**32 - 1)
 
 
-class XMaster(RuleBasedStateMachine):
+class XMaster(LineMaster):
     """A master of three servos on one line, with what it knows of each."""
 
     rig_name = "lamp-xc330"
 
     def __init__(self):
-        super().__init__()
         rig = rig_of(self.rig_name)
-        self.rig = VirtualRig(rig)
-        self.baud = rig.bus.baud
-        self.t = 0.0
-        self.servos = []
+        super().__init__(rig)
         for joint in rig.joints:
             items = load_items("manual-x.csv", joint.product.name)
             memory = Memory(items, MEASURED)
@@ -55,16 +50,9 @@ class XMaster(RuleBasedStateMachine):
 
     # the line
 
-    def send(self, data):
-        """Send bytes; return all that comes back."""
-        self.t = self.rig.transmit(data, max(self.t, self.rig.now) + 1e-4)
+    def sent(self):
         for index, servo in enumerate(self.servos):
             servo.waited(self.t - self.heard[index])
-        replies = b""
-        while (event := self.rig.next_event()) is not None:
-            replies += b"".join(reply for _, reply in self.rig.replies_until(event))
-            self.t = event
-        return replies
 
     def ask(self, servo, instruction, parameters=b""):
         asked = self.send(frame(servo, instruction, parameters))
@@ -72,9 +60,6 @@ class XMaster(RuleBasedStateMachine):
             if other.baud == self.baud:
                 self.heard[index] = self.t
         return statuses(asked)
-
-    def hears(self, servo):
-        return servo.baud == self.baud
 
     def judge(self, servo, replies, allowed, needed=2):
         """Hold a reply to what is allowed; return its error and data, or None for a silence that is right."""
@@ -131,18 +116,6 @@ class XMaster(RuleBasedStateMachine):
 
     def pick(self, number):
         return self.writable[number % len(self.writable)]
-
-    @staticmethod
-    def value(item, kind, number):
-        value = {
-            "low": item.low,
-            "high": item.high,
-            "below": item.low - 1,
-            "above": item.high + 1,
-            "within": item.low + number % (item.high - item.low + 1),
-            "initial": item.initial or 0,
-        }[kind]
-        return item.decode(item.encode(value))
 
     def changes(self, number, kind, value, count):
         first = self.writable.index(self.pick(number))

@@ -8,7 +8,7 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rig_bench import Bench, sway
+from rig_bench import INPUTS, Bench, sway
 
 from controller import load_rig, parse_controller
 from deploy.host_loop import State
@@ -20,26 +20,19 @@ RIGS = {name: load_rig(name) for name in ("lamp-xc330", "lamp-xl430", "lamp-ax12
 COAST_RAD = 0.2  # at 4 rad/s, with a body that hops on it
 STATES = ("homing", "running", "stopping")
 SLEW_RAD_S = 1.5  # of the controller that is run, or 60 rad/s^2 where it gives speeds
-TREAD = """
+TREAD = (
+    """
 program = '''(list (* 2 (osc-wave 1 0.25)) (* 4 (osc-wave 1 0.25)) (* -4 (osc-wave 1 0.25))
   (+ (* 4 (osc-wave 1 0.25)) (* 0.01 (+ px s0))))'''
 [controller]
 name = "tread"
 period_s = 0.02
-slew_rad_s = 60.0
-[[input]]
-name = "px"
-unit = "m"
-low = -2
-high = 2
-[[input]]
-name = "s0"
-unit = "N"
-low = 0
-high = 20
-""" + "".join(
-    f'[[output]]\nname = "a{number}"\nkind = "velocity"\nunit = "rad/s"\nlow = -6\nhigh = 6\nneutral = 0\n'
-    for number in range(4)
+slew_rad_s = 60.0"""
+    + INPUTS
+    + "".join(
+        f'[[output]]\nname = "a{number}"\nkind = "velocity"\nunit = "rad/s"\nlow = -6\nhigh = 6\nneutral = 0\n'
+        for number in range(4)
+    )
 )
 
 FAULTS = {

@@ -16,12 +16,7 @@ from deploy.virtual.rig import VirtualRig
 
 RIG = load_rig("lamp-xc330")
 
-SWAY = """
-program = "(list (* 10 (osc-wave 0.5 0)) (* 8 (osc-wave 0.5 0.25)) (- (* -6 (osc-wave 0.5 0.5)) (* 0.01 (+ px s0))))"
-[controller]
-name = "sway"
-period_s = 0.02
-slew_rad_s = 1.5
+INPUTS = """
 [[input]]
 name = "px"
 unit = "m"
@@ -32,9 +27,20 @@ name = "s0"
 unit = "N"
 low = 0
 high = 20
-""" + "".join(
-    f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60\nhigh = 60\nneutral = 0\n'
-    for name in ("a0", "a1", "a2")
+"""
+
+SWAY = (
+    """
+program = "(list (* 10 (osc-wave 0.5 0)) (* 8 (osc-wave 0.5 0.25)) (- (* -6 (osc-wave 0.5 0.5)) (* 0.01 (+ px s0))))"
+[controller]
+name = "sway"
+period_s = 0.02
+slew_rad_s = 1.5"""
+    + INPUTS
+    + "".join(
+        f'[[output]]\nname = "{name}"\nkind = "position"\nunit = "deg"\nlow = -60\nhigh = 60\nneutral = 0\n'
+        for name in ("a0", "a1", "a2")
+    )
 )
 
 

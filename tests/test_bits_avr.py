@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller import Controller, Input, Output, load_controller, lower
+from controller import load_controller
 from controller.reference import run_program
 from firmware_gen import transpile
 from firmware_gen.transpiler.vectors import bits_of, draw_inputs
@@ -59,18 +59,6 @@ def run_on_avr(controller, rows, folder):
     return words[0].astype(np.int32), words[1:].view(np.float32).reshape(len(rows), -1)
 
 
-def random_controller(programs, seed):
-    source = programs.large_source(np.random.default_rng(1000 + seed))
-    return Controller(
-        name=f"random{seed}",
-        period_s=0.02,
-        inputs=tuple(Input(terminal, "1", -4.0, 4.0) for terminal in programs.terminals),
-        outputs=tuple(Output(f"j{i}", "position", "deg", -50.0, 50.0, 1.5) for i in range(len(source.outputs))),
-        source=source,
-        program=lower(source, programs.terminals),
-    )
-
-
 def check(controller, folder):
     words = np.random.default_rng(5).integers(0, 2**32, (2, STEPS, len(controller.inputs), 2), dtype=np.uint32)
     words[0, ..., 1] = 0
@@ -90,4 +78,4 @@ def test_random_programs_have_the_references_bits(programs, tmp_path, request):
     for seed in range(RANDOM_LONG if request.config.getoption("--long") else RANDOM):
         folder = tmp_path / str(seed)
         folder.mkdir()
-        check(random_controller(programs, seed), folder)
+        check(programs.random_controller(1000 + seed), folder)

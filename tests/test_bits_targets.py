@@ -25,7 +25,7 @@ from emulated_batch import (
     vm_job,
 )
 
-from controller import Controller, Input, Output, load_controller, lower
+from controller import Controller, load_controller
 from controller.native import NativeProgram
 from controller.operations import BY_OPCODE, OPERATIONS
 from controller.reference import run_program
@@ -70,23 +70,11 @@ def sizes(long):
     return (200, 10, 100) if long else (20, 0, 2)
 
 
-def random_controller(programs, seed):
-    source = programs.large_source(np.random.default_rng(seed))
-    return Controller(
-        name=f"random{seed}",
-        period_s=0.02,
-        inputs=tuple(Input(terminal, "1", -4.0, 4.0) for terminal in programs.terminals),
-        outputs=tuple(Output(f"j{i}", "position", "deg", -50.0, 50.0, 1.5) for i in range(len(source.outputs))),
-        source=source,
-        program=lower(source, programs.terminals),
-    )
-
-
 def random_controllers(programs, n):
     """Return the first random programs that are worth a build."""
     found, seed = [], 0
     while len(found) < n:
-        controller = random_controller(programs, seed)
+        controller = programs.random_controller(seed)
         if len(controller.program.instructions) >= INSTRUCTIONS_MIN:
             found.append(controller)
         seed += 1

@@ -2,6 +2,7 @@
 
 import pytest
 import scripted_port
+from damage import damaged, damages
 from dynamixel_sdk import GroupSyncRead, PacketHandler
 from dynamixel_sdk.port_handler import PortHandler
 from dynamixel_sdk.robotis_def import COMM_PORT_BUSY, COMM_RX_TIMEOUT, COMM_SUCCESS
@@ -138,25 +139,12 @@ def test_a_corrupt_length_does_not_swallow_the_next_reply(scripted):
     assert (got[1].status, got[2].data) == ("corrupt", position(2))
 
 
-DAMAGE = st.lists(
-    st.tuples(st.sampled_from(["flip", "drop", "insert"]), st.integers(0, 44), st.integers(0, 255)), max_size=4
-)
-
-
-@given(damage=DAMAGE)
+@given(damage=damages(45, 4))
 @settings(max_examples=200)
 def test_damage_never_makes_a_wrong_value(scripted_port, damage):
     counts = {1: 0x00FFFDFF, 2: -7, 3: 2048}
-    wire = bytearray(b"".join(status(servo, position(count)) for servo, count in counts.items()))
-    for kind, place, value in damage:
-        at = place % len(wire)
-        if kind == "flip":
-            wire[at] ^= 1 << value % 8
-        elif kind == "drop":
-            del wire[at]
-        else:
-            wire.insert(at, value)
-    scripted_port.answer = lambda frame: [(1e-4, bytes(wire))] if frame[7] == dxl.SYNC_READ else []
+    wire = damaged(b"".join(status(servo, position(count)) for servo, count in counts.items()), damage)
+    scripted_port.answer = lambda frame: [(1e-4, wire)] if frame[7] == dxl.SYNC_READ else []
     got = DynamixelBus(scripted_port).sync_read(list(counts), 132, 4)
     for servo, reply in got.items():
         assert reply.status in ("data", "missing", "corrupt", "refused")

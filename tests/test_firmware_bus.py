@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 import runtime_shim
+from damage import damaged, damages
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from runtime_shim import Bus
@@ -52,20 +53,12 @@ class Answer:
                 data = (self.fill * size)[: max(0, size - self.short)]
                 encode = dxl.encode_status if protocol == "dynamixel-2.0" else p1.encode
                 wire += encode(servo, self.error, data) * (2 if self.twice else 1)
-        for kind, place, value in self.damage:
-            if wire:
-                at = place % len(wire)
-                if kind == "flip":
-                    wire[at] ^= 1 << value % 8
-                elif kind == "drop":
-                    del wire[at]
-                else:
-                    wire.insert(at, value)
+        wire = damaged(wire, self.damage)
         pieces, start, delay = [], 0, 0
         for cut, gap in self.cuts:
             delay += gap
             end = len(wire) if (cut, gap) == self.cuts[-1] else min(len(wire), start + cut)
-            pieces.append((delay, bytes(wire[start:end])))
+            pieces.append((delay, wire[start:end]))
             start = end
         return [piece for piece in pieces if piece[1]]
 
@@ -108,9 +101,7 @@ BROKEN = st.builds(
     before=SCRAPS | st.just(b""),
     twice=st.booleans(),
     echo=st.booleans(),
-    damage=st.lists(
-        st.tuples(st.sampled_from(["flip", "drop", "insert"]), st.integers(0, 70), st.integers(0, 255)), max_size=3
-    ).map(tuple),
+    damage=damages(71, 3).map(tuple),
     cuts=st.lists(st.tuples(st.integers(1, 40), st.integers(1, 4000)), min_size=1, max_size=4).map(tuple),
 )
 QUESTIONS = st.one_of(

@@ -1,5 +1,6 @@
 """What stops firmware where the host loop, whose process has ended, has nothing to stop."""
 
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
@@ -50,39 +51,30 @@ class Session:
         return [servo.table["torque_enable"] for servo in self.virtual.servos]
 
 
-def test_a_stop_takes_the_torque_that_a_finished_run_has_left_on(program):
-    firmware = TwinProcess(program)
-    try:
-        session = Session(firmware)
-        session.type("seconds 0.5", "arm", "start", seconds=3.0)
-        assert b"ended by 5" in session.said, "the time was over"
-        assert session.torque() == [1, 1, 1]
-        session.type("stop", seconds=0.5)
-        assert session.torque() == [0, 0, 0]
-    finally:
-        firmware.close()
+@pytest.fixture
+def session(program):
+    with closing(TwinProcess(program)) as firmware:
+        yield Session(firmware)
 
 
-def test_a_stop_that_comes_with_its_start_stops(program):
-    firmware = TwinProcess(program)
-    try:
-        session = Session(firmware)
-        session.type("arm", "start", "stop", seconds=3.0)
-        assert b"ended by 16" in session.said, "a person's wish"
-        assert session.torque() == [0, 0, 0]
-    finally:
-        firmware.close()
+def test_a_stop_takes_the_torque_that_a_finished_run_has_left_on(session):
+    session.type("seconds 0.5", "arm", "start", seconds=3.0)
+    assert b"ended by 5" in session.said, "the time was over"
+    assert session.torque() == [1, 1, 1]
+    session.type("stop", seconds=0.5)
+    assert session.torque() == [0, 0, 0]
 
 
-def test_a_stop_in_the_very_last_period_takes_the_torque(program):
-    firmware = TwinProcess(program)
-    try:
-        session = Session(firmware)
-        session.type("seconds 0.5", "arm", "start", seconds=0.0)
-        while not any(isinstance(one, Cycle) and one.k == 24 for one in session.step()):
-            pass
-        session.type("stop", seconds=1.0)
-        assert b"ended by 16" in session.said, "a person's wish"
-        assert session.torque() == [0, 0, 0]
-    finally:
-        firmware.close()
+def test_a_stop_that_comes_with_its_start_stops(session):
+    session.type("arm", "start", "stop", seconds=3.0)
+    assert b"ended by 16" in session.said, "a person's wish"
+    assert session.torque() == [0, 0, 0]
+
+
+def test_a_stop_in_the_very_last_period_takes_the_torque(session):
+    session.type("seconds 0.5", "arm", "start", seconds=0.0)
+    while not any(isinstance(one, Cycle) and one.k == 24 for one in session.step()):
+        pass
+    session.type("stop", seconds=1.0)
+    assert b"ended by 16" in session.said, "a person's wish"
+    assert session.torque() == [0, 0, 0]

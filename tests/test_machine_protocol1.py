@@ -3,7 +3,8 @@
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+from hypothesis.stateful import rule, run_state_machine_as_test
+from line_master import LineMaster
 from manual import Memory, load_items, scs_text
 from manual_protocol1 import (
     ACTION,
@@ -28,7 +29,6 @@ from manual_protocol1 import (
 )
 
 from controller.rig_file import load_rig, parse_rig
-from deploy.virtual.rig import VirtualRig
 
 # written by rules of their own, or fit to shut a servo up for good
 APART = frozenset({"id", "baud_rate", "status_return_level", "response_level", "lock", "lock_scs", "phase"})
@@ -55,25 +55,21 @@ def test_the_masters_packets_are_the_manuals(servo, instruction, parameters, tol
     assert frame(servo, instruction, bytes.fromhex(parameters)) == bytes.fromhex(told)
 
 
-class Machine(RuleBasedStateMachine):
+class Machine(LineMaster):
     """Ask the servos of one line at random."""
 
     family = "ax"
 
     def __init__(self):
-        super().__init__()
         rig = rig_of(self.family)
-        self.rig = VirtualRig(rig)
-        self.baud = rig.bus.baud
+        super().__init__(rig)
         self.rates = AX_BAUD if self.family == "ax" else FEETECH_BAUD
-        self.t = 0.0
         file, column = (
             ("manual-ax.csv", "ax-12a") if self.family == "ax" else ("manual-feetech.csv", PRODUCT[self.family])
         )
         items = load_items(file, column, big=self.family == "scs")
         self.items = list(items.values())
         self.writable = [item for item in self.items if item.writable and item.name not in APART | SHUTS_DOWN]
-        self.servos = []
         for joint in rig.joints:
             memory = Memory(items, MEASURED)
             for item in items.values():  # what a commissioned servo holds is the rig's affair
@@ -90,19 +86,8 @@ class Machine(RuleBasedStateMachine):
 
     # the line
 
-    def send(self, data):
-        self.t = self.rig.transmit(data, max(self.t, self.rig.now) + 1e-4)
-        replies = b""
-        while (event := self.rig.next_event()) is not None:
-            replies += b"".join(reply for _, reply in self.rig.replies_until(event))
-            self.t = event
-        return replies
-
     def ask(self, servo, instruction, parameters=b""):
         return statuses(self.send(frame(servo, instruction, parameters)))
-
-    def hears(self, servo):
-        return servo.baud == self.baud
 
     def answer(self, servo, instruction, parameters=b"", expected=0):
         """Ask a servo; return the data, None for a silence that is right. Error bits None: whatever they are."""
@@ -154,17 +139,6 @@ class Machine(RuleBasedStateMachine):
     INDEX = st.integers(0, 2)
     NUMBER = st.integers(0, 2**32 - 1)
     KIND = st.sampled_from(["low", "high", "below", "above", "within", "within", "within"])
-
-    @staticmethod
-    def value(item, kind, number):
-        value = {
-            "low": item.low,
-            "high": item.high,
-            "below": item.low - 1,
-            "above": item.high + 1,
-            "within": item.low + number % (item.high - item.low + 1),
-        }[kind]
-        return item.decode(item.encode(value))
 
     @rule(index=INDEX, first=NUMBER, count=st.integers(1, 10))
     def read(self, index, first, count):

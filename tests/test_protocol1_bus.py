@@ -8,6 +8,7 @@ import dynamixel_sdk
 import pytest
 import scripted_port
 import scservo_sdk
+from damage import damaged, damages
 from dynamixel_sdk.robotis_def import COMM_NOT_AVAILABLE
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -223,11 +224,6 @@ def test_there_is_no_reboot(scripted, kind):
     assert kind(port).reboot(1) is None and port.sent_frames == []
 
 
-DAMAGE = st.lists(
-    st.tuples(st.sampled_from(["flip", "drop", "insert"]), st.integers(0, 44), st.integers(0, 255)), max_size=3
-)
-
-
 @pytest.fixture(scope="module")
 def scripted_port_kept():
     port = ScriptedPort(lambda _: [])
@@ -235,20 +231,11 @@ def scripted_port_kept():
     port.closePort()
 
 
-@given(damage=DAMAGE, kind=st.sampled_from(BUSES))
+@given(damage=damages(45, 3), kind=st.sampled_from(BUSES))
 @settings(max_examples=200)
 def test_damage_raises_nothing_and_a_good_packet_afterwards_is_heard(scripted_port_kept, damage, kind):
     port = scripted_port_kept
-    wire = bytearray(status(1, b"\xff\xff") + status(1, b"\x00\xff"))
-    for what, place, value in damage:
-        at = place % len(wire)
-        if what == "flip":
-            wire[at] ^= 1 << value % 8
-        elif what == "drop":
-            del wire[at]
-        else:
-            wire.insert(at, value)
-    port.answer = replies(bytes(wire))
+    port.answer = replies(damaged(status(1, b"\xff\xff") + status(1, b"\x00\xff"), damage))
     reply = kind(port).read(1, POSITION[kind], 2)
     assert reply.status in ("data", "refused", "missing", "corrupt")
     port.answer = replies(status(1, b"\x07\x00"))

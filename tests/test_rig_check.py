@@ -6,7 +6,7 @@ import pty
 import time
 
 import pytest
-from served_rig import serve, servolve
+from served_rig import servolve
 
 from controller import load_rig
 from controller.registers import registers
@@ -31,10 +31,8 @@ def register(served, servo, name, value=None):
 
 
 @pytest.fixture
-def served(tmp_path):
-    process = serve(tmp_path, "lamp-xc330", "--no-wire-time")
-    yield process
-    process.kill()
+def served(serve_rig):
+    return serve_rig("lamp-xc330", "--no-wire-time")
 
 
 def told(capfd, *arguments):

@@ -8,7 +8,7 @@ from contextlib import closing
 
 import pytest
 from manual import scs_text
-from served_rig import serve, servolve
+from served_rig import servolve
 
 from controller import load_rig
 from controller.errors import InputError, RunError
@@ -188,10 +188,8 @@ def test_where_a_servo_answers_after_a_lost_write_is_said():
 
 
 @pytest.fixture
-def served(tmp_path):
-    process = serve(tmp_path, "lamp-sts3215", "--no-wire-time")
-    yield process
-    process.kill()
+def served(serve_rig):
+    return serve_rig("lamp-sts3215", "--no-wire-time")
 
 
 def run(capfd, *arguments):

@@ -2,13 +2,13 @@
 
 import re
 import subprocess
+from dataclasses import replace
 
-import numpy as np
 import pytest
-from conftest import TERMINALS, large_source
+from conftest import random_controller
 from instruction_count import count_instructions, frame_sizes
 
-from controller import Controller, Input, Output, load_controller, lower
+from controller import load_controller
 from firmware_gen import transpile
 from firmware_gen.bounds.control_flow import UnboundedError
 from firmware_gen.bounds.machine_code import Instruction, read_machine_code
@@ -52,17 +52,7 @@ def test_no_input_takes_more_than_the_bound(golden, target, level, tmp_path):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_no_input_takes_more_than_the_bound_of_a_random_program(seed, tmp_path):
-    source = large_source(np.random.default_rng(seed))
-    controller = Controller(
-        name="random",
-        period_s=0.02,
-        inputs=tuple(Input(terminal, "1", -3.0, 3.0) for terminal in TERMINALS),
-        outputs=tuple(Output(f"j{i}", "position", "deg", -50.0, 50.0, 1.5) for i in range(len(source.outputs))),
-        source=source,
-        program=lower(source, TERMINALS),
-        filter=0.5,
-        slew_rad_s=9.0,
-    )
+    controller = replace(random_controller(seed, 3.0), filter=0.5, slew_rad_s=9.0)
     for target in TARGETS:
         assert_within_bounds(controller, target, "-O2", tmp_path)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -184,6 +186,34 @@ def _command_check(unit: Unit, vectors: Vectors) -> list[str]:
     ]
 
 
+def opening_lines(unit: Unit, variables: Sequence[str] = ()) -> list[str]:
+    """Write how a selftest begins: its variables, and the checks that need no program.
+
+    Args:
+        unit: the controller and its names
+        variables: lines that declare those of one kind of selftest
+
+    Returns:
+        lines of C
+    """
+    name = unit.name
+    return [
+        f"int32_t {name}_selftest(void) {{",
+        f"  {name}_state state;",
+        f"  float inputs[{input_dimension(unit)}];",
+        f"  float outputs[{name}_noutput];",
+        *variables,
+        "  int32_t step;",
+        "  int32_t i;",
+        f"  const int32_t status = {name}_arithmetic();",
+        "  if (status != 0) {",
+        "    return status;",
+        "  }",
+        *([f"  if (!{name}_functions()) {{", "    return -5;", "  }"] if calls_functions(unit) else []),
+        *([] if unit.controller.inputs else ["  inputs[0] = 0.0F;"]),
+    ]
+
+
 def _selftest(unit: Unit, vectors: Vectors) -> list[str]:
     name = unit.name
     read = [
@@ -192,18 +222,7 @@ def _selftest(unit: Unit, vectors: Vectors) -> list[str]:
         "    }",
     ]
     return [
-        f"int32_t {name}_selftest(void) {{",
-        f"  {name}_state state;",
-        f"  float inputs[{input_dimension(unit)}];",
-        f"  float outputs[{name}_noutput];",
-        "  int32_t step;",
-        "  int32_t i;",
-        f"  const int32_t status = {name}_arithmetic();",
-        "  if (status != 0) {",
-        "    return status;",
-        "  }",
-        *(["  if (!" + name + "_functions()) {", "    return -5;", "  }"] if calls_functions(unit) else []),
-        *([] if unit.controller.inputs else ["  inputs[0] = 0.0F;"]),
+        *opening_lines(unit),
         f"  {name}_init(&state);",
         f"  for (step = 0; step < {len(vectors.inputs)}; step++) {{",
         f"    if (step == {vectors.second}) {{",

@@ -19,8 +19,7 @@ from firmware_gen.transpiler.function_check import (
     hash_float,
     number_lines,
 )
-from firmware_gen.transpiler.header import input_dimension
-from firmware_gen.transpiler.selftest import arithmetic_lines
+from firmware_gen.transpiler.selftest import arithmetic_lines, opening_lines
 from firmware_gen.transpiler.unit import Unit
 
 STEPS: Final = 512
@@ -39,36 +38,23 @@ def short_selftest_lines(unit: Unit) -> list[str]:
     Returns:
         lines of C
     """
-    called = calls_functions(unit)
     return [
         *arithmetic_lines(unit),
-        *(function_check_lines(unit) if called else number_lines(unit.name)),
-        *_selftest(unit, called),
+        *(function_check_lines(unit) if calls_functions(unit) else number_lines(unit.name)),
+        *_selftest(unit),
     ]
 
 
-def _selftest(unit: Unit, called: bool) -> list[str]:
+def _selftest(unit: Unit) -> list[str]:
     name = unit.name
     draw = [
         f"    for (i = 0; i < {name}_ninput; i++) {{",
         f"      inputs[i] = {name}_draw(&random);",
         "    }",
     ]
+    random = [f"  uint32_t random = 0x{SEED:08x}U;"] if unit.controller.inputs else []
     return [
-        f"int32_t {name}_selftest(void) {{",
-        f"  {name}_state state;",
-        f"  float inputs[{input_dimension(unit)}];",
-        f"  float outputs[{name}_noutput];",
-        *([f"  uint32_t random = 0x{SEED:08x}U;"] if unit.controller.inputs else []),
-        f"  uint32_t hash = 0x{HASH_START:08x}U;",
-        "  int32_t step;",
-        "  int32_t i;",
-        f"  const int32_t status = {name}_arithmetic();",
-        "  if (status != 0) {",
-        "    return status;",
-        "  }",
-        *([f"  if (!{name}_functions()) {{", "    return -5;", "  }"] if called else []),
-        *([] if unit.controller.inputs else ["  inputs[0] = 0.0F;"]),
+        *opening_lines(unit, [*random, f"  uint32_t hash = 0x{HASH_START:08x}U;"]),
         f"  for (step = 0; step < {STEPS}; step++) {{",
         f"    if (step % {STEPS_RUN} == 0) {{",
         f"      {name}_init(&state);",
