@@ -19,7 +19,7 @@ def homing_periods(joint: Joint, start: int, neutral: int, step_rad: float) -> i
         neutral: where it ends [counts]
         step_rad: how far it may go in a period [rad]
     """
-    return int(library().sv_homing_periods(byref(_axis(joint)), start, neutral, step_rad))
+    return int(library().sv_homing_periods(joint_scale(joint), start, neutral, step_rad))
 
 
 def homing_goal(start: int, neutral: int, k: int, nmove: int) -> int:

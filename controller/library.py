@@ -179,7 +179,7 @@ def _declare(lib: ctypes.CDLL) -> None:
     lib.sv_encode.restype = c_int32
     lib.sv_schedule_due.argtypes = (POINTER(SvSchedule), c_int32, c_int32, POINTER(SvTransaction))
     axis = POINTER(SvAxis)
-    lib.sv_homing_periods.argtypes = (axis, c_int32, c_int32, c_float)
+    lib.sv_homing_periods.argtypes = (c_float, c_int32, c_int32, c_float)
     lib.sv_homing_goal.argtypes = (c_int32,) * 4
     lib.sv_homing_near.argtypes = (axis, c_int32)
     lib.sv_homing_speed.argtypes = (axis, c_int32, c_float)

@@ -5,7 +5,7 @@ import subprocess
 from ctypes import POINTER, c_char, c_float, c_int32, c_uint8, c_uint16, c_uint32
 
 from controller.generate_runtime import PATH as RUNTIME_TABLE
-from controller.library import SvBlock, SvCycle, SvSchedule
+from controller.library import SvAxis, SvBlock, SvSchedule
 from firmware_gen.projects.project import RUNTIME
 from firmware_gen.projects.rig_config import rig_header, rig_source
 from firmware_gen.projects.rig_sizes import sizes_files, sizes_of
@@ -26,45 +26,38 @@ class SvSetting(ctypes.Structure):
 
 
 class SvCheck(ctypes.Structure):
+    _fields_ = (("reg", SvRegister), ("low", c_uint16), ("high", c_uint16), ("mask", c_uint8), ("kind", c_uint8))
+
+
+class SvServo(ctypes.Structure):
     _fields_ = (
-        ("reg", SvRegister),
-        ("mask", c_int32),
-        ("low", c_int32),
-        ("high", c_int32),
-        ("level", c_uint8),
-        ("kind", c_uint8),
+        ("model", c_uint16),
+        ("error_bits", c_uint8),
+        ("no_load_speed", c_float),
+        ("voltage_scale", c_float),
+        ("rest_count", c_int32),
+        ("ceiling_count", c_int32),
+        *((name, SvRegister) for name in ("position", "velocity", "load", "goal", "torque", "ceiling", "watchdog")),
+        *((name, SvRegister) for name in ("hardware_error", "shutdown", "voltage", "temperature")),
+        ("tables", SvBlock * 2),
+        ("checks", POINTER(SvCheck)),
+        ("ncheck", c_int32),
+        ("settings", POINTER(SvSetting)),
+        ("nsetting", c_int32),
     )
 
 
 class SvJoint(ctypes.Structure):
     _fields_ = (
         ("id", c_uint8),
-        ("model", c_uint16),
+        ("servo", c_uint8),
         ("zero", c_int32),
         ("angle_scale", c_float),
-        ("speed_scale", c_float),
         ("goal_low", c_int32),
         ("goal_high", c_int32),
-        ("seed_low", c_int32),
-        ("seed_high", c_int32),
+        ("place_low", c_int32),
+        ("place_high", c_int32),
         ("neutral", c_int32),
-        ("neutral_rad", c_float),
-        ("low_rad", c_float),
-        ("high_rad", c_float),
-        ("speed_max", c_float),
-        ("no_load_speed", c_float),
-        ("unlimited", c_uint8),
-        ("rest_count", c_int32),
-        *((name, SvRegister) for name in (*("position", "velocity", "load", "goal", "torque", "ceiling"),)),
-        ("ceiling_count", c_int32),
-        *((name, SvRegister) for name in ("watchdog", "hardware_error", "shutdown", "voltage", "temperature")),
-        ("voltage_scale", c_float),
-        ("error_bits", c_uint8),
-        ("tables", SvBlock * 2),
-        ("checks", POINTER(SvCheck)),
-        ("ncheck", c_int32),
-        ("settings", POINTER(SvSetting)),
-        ("nsetting", c_int32),
     )
 
 
@@ -112,6 +105,8 @@ class SvRig(ctypes.Structure):
         ("slew_rad_s", c_float),
         ("njoint", c_int32),
         ("joints", POINTER(SvJoint)),
+        ("servos", POINTER(SvServo)),
+        ("axes", POINTER(SvAxis)),
         ("nsensor", c_int32),
         ("sensors", POINTER(SvSensor)),
         ("nmessage", c_int32),
@@ -120,7 +115,6 @@ class SvRig(ctypes.Structure):
         ("pitch", c_int32),
         ("schedule", SvSchedule),
         ("safety", SvSafety),
-        ("cycle", POINTER(SvCycle)),
         ("fingerprint", c_uint32),
     )
 

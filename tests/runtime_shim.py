@@ -21,7 +21,7 @@ FLAGS = "-std=c99 -O1 -g -ffp-contract=off -Wall -Wextra -Wconversion -Wdouble-p
 TRAPS = "-fsanitize=undefined -fsanitize-undefined-trap-on-error -ftrapv"
 
 PROTOCOLS = {"dynamixel-2.0": 0, "feetech-sts": 1}
-ENCODINGS = {"unsigned": 0, "twos": 1, "sign15": 2, "sign11": 3, "sign10": 4}
+ENCODINGS = {"unsigned": 0, "twos": 1, "sign10": 10, "sign11": 11, "sign15": 15}
 ALERTS = {"dynamixel-2.0": 0x80, "feetech-sts": 0xFF}
 STATUSES = ("data", "refused", "missing", "corrupt")
 DATA_MAX = 16 * 160

@@ -13,7 +13,7 @@ from controller import load_rig, parse_controller, registers
 from controller.cycle import resolve_cycle
 from controller.errors import InputError
 from controller.families import family_of
-from controller.library import SvOutput, SvTerminal
+from controller.library import SvCycle, SvOutput, SvTerminal
 from controller.native import lay_out_cycle
 from controller.needed_sensors import needed_sensors
 from controller.register import decode_register, encode_register
@@ -24,14 +24,15 @@ from deploy.joint_counts import goal_limits, joint_angle, joint_count, joint_spe
 from deploy.safety import judge_hardware_error
 from deploy.servo_findings import setting_findings, state_findings
 from deploy.torque import settings_in_ram
+from firmware_gen.projects.joint_config import servo_kinds
 from firmware_gen.projects.plain import plain
 from firmware_gen.projects.rig_config import require_speakable, rig_source
 from firmware_gen.transpiler.literals import literal
 
 RIGS = [name for name in rig_names() if load_rig(name).bus.protocol in ("dynamixel-2.0", "feetech-sts")]
 KINDS = (*("", "absent", "corrupt", "model", "unreadable"), *("setting", "voltage", "temperature", "position"))
-KINDS += ("torque", "hardware")
-ENCODINGS = ("unsigned", "twos", "sign15", "sign11", "sign10")
+KINDS += ("torque", "hardware", "sensor", "derate", "watchdog", "late", "low limit", "high limit")
+ENCODINGS = {0: "unsigned", 1: "twos", 10: "sign10", 11: "sign11", 15: "sign15"}
 
 
 def controller_for(rig, **changes):
@@ -65,6 +66,11 @@ def single(value):
 
 def register_of(line):
     return (line.address, line.size, ENCODINGS[line.encoding]) if line.size else None
+
+
+def servos_of(data):
+    """Return each joint with its servo."""
+    return [(joint, data.servos[joint.servo]) for joint in data.joints[: data.njoint]]
 
 
 def named(joint, name):
@@ -107,26 +113,20 @@ def test_the_line_the_schedule_and_the_limits_are_the_rigs(built):
 def test_every_joint_is_the_rigs(built):
     rig, _, data, _ = built
     assert data.njoint == len(rig.joints)
-    for joint, told in zip(rig.joints, data.joints[: data.njoint], strict=True):
+    velocity = rig.joints[0].mode == "velocity"
+    for number, (joint, (told, servo)) in enumerate(zip(rig.joints, servos_of(data), strict=True)):
         family = family_of(joint.product)
-        assert (told.id, told.model, told.zero) == (joint.id, joint.product.model_number, joint.zero_tick)
+        assert (told.id, servo.model, told.zero) == (joint.id, joint.product.model_number, joint.zero_tick)
         assert told.angle_scale == single(joint_angle(joint, joint.zero_tick + 1))
-        assert told.speed_scale == single(joint_speed(joint, 1))
         assert (told.goal_low, told.goal_high) == goal_limits(joint)
-        if joint.mode == "position":
-            assert (told.seed_low, told.seed_high) == goal_limits(joint)
-        else:
-            assert told.goal_high == abs(speed_count(joint, joint.speed_rad_s_max))
         if not joint.unlimited:
             assert told.neutral == joint_count(joint, joint.neutral_rad)
-            assert (told.low_rad, told.high_rad) == (single(joint.low_rad), single(joint.high_rad))
-        else:
-            assert told.low_rad < -3e38 and told.high_rad > 3e38
-        assert told.unlimited == joint.unlimited and told.neutral_rad == single(joint.neutral_rad)
-        assert told.speed_max == single(joint.speed_rad_s_max)
-        assert told.no_load_speed == single(joint.product.no_load_speed_rad_s)
-        assert told.rest_count == max(1, round(0.06 / joint.product.velocity_unit_rad_s))
-        assert told.ceiling_count == joint.ceiling
+        if velocity:
+            assert told.goal_high == abs(speed_count(joint, joint.speed_rad_s_max))
+            the_axis_is_the_joints(data.axes[number], joint)
+        assert servo.no_load_speed == single(joint.product.no_load_speed_rad_s)
+        assert servo.rest_count == max(1, round(0.06 / joint.product.velocity_unit_rad_s))
+        assert servo.ceiling_count == joint.ceiling
         roles = {
             "position": family.position,
             "velocity": family.velocity,
@@ -140,23 +140,44 @@ def test_every_joint_is_the_rigs(built):
             "voltage": family.voltage,
             "temperature": family.temperature,
         }
-        assert {role: register_of(getattr(told, role)) for role in roles} == {
+        assert {role: register_of(getattr(servo, role)) for role in roles} == {
             role: named(joint, name) for role, name in roles.items()
         }
-        assert told.voltage_scale == single(registers(joint.product)[family.voltage].scale)
-        assert [bit for bit in range(8) if told.error_bits >> bit & 1] == sorted(family.error_bits)
+        assert servo.voltage_scale == single(registers(joint.product)[family.voltage].scale)
+        assert [bit for bit in range(8) if servo.error_bits >> bit & 1] == sorted(family.error_bits)
+    assert bool(data.axes) == velocity
+
+
+def the_axis_is_the_joints(axis, joint):
+    assert (axis.zero, axis.unlimited) == (joint.zero_tick, joint.unlimited)
+    assert axis.angle_scale == single(joint_angle(joint, joint.zero_tick + 1))
+    assert axis.speed_scale == single(joint_speed(joint, 1))
+    assert axis.neutral_rad == single(joint.neutral_rad)
+    assert axis.speed_max == single(joint.speed_rad_s_max)
+    if joint.unlimited:
+        assert axis.low_rad < -3e38 and axis.high_rad > 3e38
+    else:
+        assert (axis.low_rad, axis.high_rad) == (single(joint.low_rad), single(joint.high_rad))
+
+
+def test_joints_share_their_servo_where_all_is_the_same():
+    same = load_rig("lamp-xc330")
+    first, *others = same.joints
+    assert servo_kinds(same) == (0, 0, 0)
+    weaker = replace(same, joints=(first, replace(others[0], ceiling=others[0].ceiling - 1), *others[1:]))
+    assert servo_kinds(weaker) == (0, 1, 0)
 
 
 def test_the_blocks_of_the_check_are_the_host_loops(built):
     rig, _, data, _ = built
-    for joint, told in zip(rig.joints, data.joints[: data.njoint], strict=True):
+    for joint, (_, told) in zip(rig.joints, servos_of(data), strict=True):
         blocks = [(b[0].address, b[-1].address + b[-1].size - b[0].address) for b in checks._blocks(joint)]
         assert [(b.address, b.size) for b in told.tables] == blocks
 
 
 def test_settings_are_written_in_the_host_loops_order(built):
     rig, _, data, _ = built
-    for joint, told in zip(rig.joints, data.joints[: data.njoint], strict=True):
+    for joint, (_, told) in zip(rig.joints, servos_of(data), strict=True):
         rows = [(register_of(row.reg), row.value) for row in told.settings[: told.nsetting]]
         rows += [(register_of(told.ceiling), told.ceiling_count)] if told.ceiling.size else []
         assert rows == [(named(joint, line.name), count) for line, count in settings_in_ram(joint, 1.0)]
@@ -186,8 +207,8 @@ def test_sensors_are_the_rigs_and_those_that_are_needed_are_known(built):
 
 
 def test_the_cycle_is_the_host_loops_number_for_number(built):
-    rig, controller, data, _ = built
-    mine, packed = data.cycle.contents, lay_out_cycle(resolve_cycle(controller, rig))
+    rig, controller, _, library = built
+    mine, packed = SvCycle.in_dll(library, "servolve_cycle"), lay_out_cycle(resolve_cycle(controller, rig))
     ninput, noutput = len(controller.inputs), len(controller.outputs)
     program = mine.program.contents
     assert (program.ninput, program.noutput, program.nstate) == (ninput, noutput, controller.program.nstate)
@@ -203,16 +224,26 @@ def test_the_cycle_is_the_host_loops_number_for_number(built):
         assert bytes(getattr(mine, name)) == bytes(getattr(packed, name)), name
 
 
-def found(joint, told, values):
+def bounds(row, told):
+    """Return what a row allows, as the firmware's check judges it."""
+    if KINDS[row.kind] == "position":
+        return told.place_low, told.place_high
+    if KINDS[row.kind] == "low limit":
+        return row.low, told.goal_low
+    return (told.goal_high, 2**31 - 1) if KINDS[row.kind] == "high limit" else (row.low, row.high)
+
+
+def found(joint, told, servo, values):
     """Return what the rows in C find in a servo's registers: level, kind, address."""
     lines = registers(joint.product).values()
     at = {(line.address, line.size): values[line.name] for line in lines}
     findings = []
-    for row in told.checks[: told.ncheck]:
+    for row in servo.checks[: servo.ncheck]:
         count = at[row.reg.address, row.reg.size]
-        masked = count if row.mask == -1 else count & row.mask
-        if not row.low <= masked <= row.high:
-            findings.append((("warning", "error")[row.level], KINDS[row.kind], row.reg.address))
+        low, high = bounds(row, told)
+        if not low <= (count & row.mask if row.mask else count) <= high:
+            kind = KINDS[row.kind].replace("low limit", "setting").replace("high limit", "setting")
+            findings.append(("warning" if kind == "torque" else "error", kind, row.reg.address))
     return findings
 
 
@@ -244,31 +275,32 @@ def test_checks_find_what_the_host_loop_finds_whatever_a_servo_holds(built):
     rig, _, data, _ = built
     rng = random.Random(7)
     seen = set()
-    for joint, told in zip(rig.joints, data.joints[: data.njoint], strict=True):
+    for joint, (told, servo) in zip(rig.joints, servos_of(data), strict=True):
         table = registers(joint.product)
-        rows = told.checks[: told.ncheck]
+        rows = servo.checks[: servo.ncheck]
         by_place = {(line.address, line.size): line for line in table.values()}
         checked = [(row, by_place[row.reg.address, row.reg.size]) for row in rows]
         good = {line.name: line.initial for line in table.values()}
-        good |= {line.name: min(max(line.initial, row.low), row.high) for row, line in checked if row.mask == -1}
+        allowed = {line.name: bounds(row, told) for row, line in checked if row.mask == 0}
+        good |= {name: min(max(good[name], low), high) for name, (low, high) in allowed.items()}
         good["shutdown" if "shutdown" in table else "unloading_condition"] = 53
         if "phase" in good:
             good["phase"] &= ~0x10
-        assert found(joint, told, good) == told_by_host(rig, joint, good) == []
+        assert found(joint, told, servo, good) == told_by_host(rig, joint, good) == []
         for _ in range(1500):
             values = dict(good)
             for row, line in rng.sample(checked, rng.choice((1, 1, 2, len(checked)))):
-                values[line.name] = rng.choice(counts_near(row, line))
-            findings = found(joint, told, values)
+                values[line.name] = rng.choice(counts_near(*bounds(row, told), line))
+            findings = found(joint, told, servo, values)
             assert findings == told_by_host(rig, joint, values), values
             seen |= {(kind, address) for _, kind, address in findings}
     assert len(seen) == len({(KINDS[row.kind], row.reg.address) for row in rows}), "every row has found something"
 
 
-def counts_near(row, line):
-    """Return counts at the edges of what a row allows, and at those of what the register can hold."""
+def counts_near(low, high, line):
+    """Return counts at the edges of what is allowed, and at those of what the register can hold."""
     ends = decode_register(line, b"\xff" * line.size), decode_register(line, b"\x00" * line.size)
-    counts = [row.low - 1, row.low, row.high, row.high + 1, line.initial, line.high, *ends]
+    counts = [low - 1, low, high, high + 1, line.initial, line.high, *ends]
     # what needs all 32 bits without a sign is no setting that a servo takes; the firmware's counts have a sign
     return [count for count in counts if fits(line, count) and -(2**31) <= count < 2**31]
 
@@ -283,7 +315,7 @@ def fits(line, count):
 def test_registers_are_coded_as_the_host_loop_codes_them(built):
     rig, _, data, library = built
     rng = random.Random(3)
-    for joint, told in zip(rig.joints, data.joints[: data.njoint], strict=True):
+    for joint, (_, told) in zip(rig.joints, servos_of(data), strict=True):
         for role in ("position", "velocity", "load", "goal", "torque", "voltage", "temperature"):
             line = next(
                 one

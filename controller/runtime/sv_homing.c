@@ -10,8 +10,8 @@ static const float kMicro = 1.0e-6F;
 
 static float sv_limit(float x, float limit) { return x > limit ? limit : (x < -limit ? -limit : x); }
 
-int32_t sv_homing_periods(const sv_axis* axis, int32_t start, int32_t neutral, float step_rad) {
-  const float scale = axis->angle_scale < 0.0F ? -axis->angle_scale : axis->angle_scale;
+int32_t sv_homing_periods(float angle_scale, int32_t start, int32_t neutral, float step_rad) {
+  const float scale = angle_scale < 0.0F ? -angle_scale : angle_scale;
   const int32_t way = start < neutral ? neutral - start : start - neutral;
   const float travel = (float)way * scale;
   const float periods = travel / step_rad;

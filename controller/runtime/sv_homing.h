@@ -24,8 +24,9 @@ typedef struct {
   int32_t unlimited;
 } sv_axis;
 
-// Return how many periods a straight move takes at a rate [rad] per period, at most SV_MOVE_MAX.
-int32_t sv_homing_periods(const sv_axis* axis, int32_t start, int32_t neutral, float step_rad);
+// Return how many periods a straight move takes at a rate [rad] per period, at most SV_MOVE_MAX; angle_scale: rad per
+// count.
+int32_t sv_homing_periods(float angle_scale, int32_t start, int32_t neutral, float step_rad);
 
 // Return the goal of period k >= 0 of a straight move in nmove periods, rounded half to even: start => neutral
 // [counts], which are less than 65536 apart.

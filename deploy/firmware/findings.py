@@ -36,7 +36,12 @@ class Kind(IntEnum):
     DERATE = 12
     WATCHDOG = 13
     LATE = 14
+    LOW_LIMIT = 15
+    HIGH_LIMIT = 16
 
+
+_SETTINGS: Final = frozenset({Kind.SETTING, Kind.LOW_LIMIT, Kind.HIGH_LIMIT})
+"""Findings of a register that holds the wrong count."""
 
 _STATES: Final[Mapping[int, tuple[str, ...]]] = MappingProxyType(
     {
@@ -151,7 +156,7 @@ def _of_servo(found: Found, rig: Rig, joint: Joint, values: Mapping[str, int]) -
     if found.finding == Kind.HARDWARE:
         said = judge_hardware_error(joint, found.value, None if found.low < 0 else found.low)
         return Finding("error", said) if said else None
-    if found.finding == Kind.SETTING:
+    if found.finding in _SETTINGS:
         table = registers(joint.product)
         return next(
             one
@@ -165,7 +170,7 @@ def _of_servo(found: Found, rig: Rig, joint: Joint, values: Mapping[str, int]) -
 def _numbers(found: Found, rig: Rig) -> str:
     """Say a finding by its numbers, where the registers that it is about were not recorded."""
     named = _named(rig.joints[found.joint]) if found.joint < len(rig.joints) else "the rig"
-    if found.finding == Kind.SETTING:
+    if found.finding in _SETTINGS:
         return f"{named}: register {found.address} holds {found.value}; set it to {found.low} to {found.high}"
     kind = Kind(found.finding).name.lower() if found.finding in set(Kind) else f"finding {found.finding}"
     return f"{named}: {kind}, {found.value} where {found.low} to {found.high} is right; see sv_reason.h of the firmware"

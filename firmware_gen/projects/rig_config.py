@@ -169,6 +169,8 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
                 ("slew_rad_s", float_c(controller.slew_rad_s)),
                 ("njoint", "SERVOLVE_NJOINT"),
                 ("joints", "joints"),
+                ("servos", "servos"),
+                ("axes", "axes" if rig.joints[0].mode == "velocity" else "0"),
                 ("nsensor", "SERVOLVE_NSENSOR"),
                 ("sensors", "sensors" if rig.sensors else "0"),
                 ("nmessage", len(message_letters(rig))),
@@ -177,7 +179,6 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
                 ("pitch", places["pitch"] if tilt else -1),
                 ("schedule", _schedule(rig)),
                 ("safety", _safety(rig.safety)),
-                ("cycle", "&servolve_cycle"),
                 ("fingerprint", f"0x{rig_fingerprint(rig, controller):08x}U"),
             ]
         ),

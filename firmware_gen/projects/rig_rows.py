@@ -17,10 +17,9 @@ from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.terminals import joint_scale
 
-LOWEST: Final = -(2**31)
-HIGHEST: Final = 2**31 - 1
-WHOLE: Final = -1
-"""Mask of a row that is about all bits of a count."""
+LOWEST: Final = 0
+HIGHEST: Final = 2**16 - 1
+"""The ends of what a row can allow: of registers without a sign in two bytes, or of what its joint says."""
 
 _LIMIT_SLACK_RAD: Final = 0.05
 _OVERVOLTAGE: Final = 1.2
@@ -33,21 +32,26 @@ _TABLE_GAP: Final = 8
 class CheckRow:
     """Say what a register must hold: `sv_check` of `runtime/sv_rig.h`.
 
+    Where a joint may be, and its servo's own limits, are the joint's to say: those rows allow everything here.
+
     Args:
         register: the register
-        low: smallest count
-        high: largest count
+        low: smallest count, from 0
+        high: largest count, below 65536
         kind: what is found otherwise, as `sv_finding` of `runtime/sv_reason.h` names it after SV_FINDING_
-        error: whether that keeps the rig from running
-        mask: bits of the count that matter
+        mask: bits of the count that matter, 0: all
     """
 
     register: Register
     low: int
     high: int
     kind: str = "SETTING"
-    error: bool = True
-    mask: int = WHOLE
+    mask: int = 0
+
+    @property
+    def error(self) -> bool:
+        """Whether that keeps the rig from running."""
+        return self.kind != "TORQUE"
 
 
 def check_rows(rig: Rig, joint: Joint) -> tuple[CheckRow, ...]:
@@ -103,6 +107,30 @@ def count_limits(joint: Joint) -> tuple[int, int]:
     return ends[0], ends[1]
 
 
+def place_limits(joint: Joint) -> tuple[int, int]:
+    """Return the smallest and the largest encoder count where a joint that has limits may stand before a run [counts].
+
+    Args:
+        joint: the joint
+    """
+    scale = joint_scale(joint)
+    low, high = joint.low_rad - _LIMIT_SLACK_RAD, joint.high_rad + _LIMIT_SLACK_RAD
+
+    def above(count: int, angle: float) -> bool:
+        """Tell whether a count is at or beyond an angle, the way that counts grow."""
+        return count * scale >= angle if scale > 0.0 else count * scale <= angle
+
+    def beyond(count: int, angle: float) -> bool:
+        return count * scale > angle if scale > 0.0 else count * scale < angle
+
+    near, far = (low, high) if scale > 0.0 else (high, low)
+    lowest = joint.zero_tick + _first(lambda count: above(count, near), near / scale)
+    highest = joint.zero_tick + _first(lambda count: beyond(count, far), far / scale) - 1
+    if joint.mode == "position":
+        return max(lowest, 0), min(highest, joint.product.count_max)
+    return lowest, highest
+
+
 def _block(lines: list[Register]) -> tuple[int, int]:
     first, last = lines[0], lines[-1]
     return first.address, last.address + last.size - first.address
@@ -139,10 +167,9 @@ def _bound_rows(rig: Rig, joint: Joint) -> Iterator[CheckRow]:
     """Yield how wide its own limits must be."""
     family, table = joint.family, registers(joint.product)
     if joint.mode == "position":
-        low, high = count_limits(joint)
         lowest, highest = family.position_limits
-        yield CheckRow(table[lowest], LOWEST, low)
-        yield CheckRow(table[highest], high, HIGHEST)
+        yield CheckRow(table[lowest], LOWEST, HIGHEST, "LOW_LIMIT")
+        yield CheckRow(table[highest], LOWEST, HIGHEST, "HIGH_LIMIT")
     if family.torque_ceiling is not None:
         yield CheckRow(table[family.ceiling_limit], joint.ceiling, HIGHEST)
     highest = family.voltage_limits[1]
@@ -160,30 +187,10 @@ def _state_rows(rig: Rig, joint: Joint) -> Iterator[CheckRow]:
     yield CheckRow(voltage, lowest, highest, "VOLTAGE")
     yield CheckRow(table[family.temperature], LOWEST, math.floor(rig.safety.temperature_c_max), "TEMPERATURE")
     if not joint.unlimited:
-        yield CheckRow(table[family.position], *_place(joint), "POSITION")
-    yield CheckRow(table[family.torque_enable], 0, 0, "TORQUE", error=False)
+        yield CheckRow(table[family.position], LOWEST, HIGHEST, "POSITION")
+    yield CheckRow(table[family.torque_enable], 0, 0, "TORQUE")
     if family.hardware_error is not None:
         yield CheckRow(table[family.hardware_error], 0, 0, "HARDWARE")
-
-
-def _place(joint: Joint) -> tuple[int, int]:
-    """Return the encoder counts where a joint that has limits may stand."""
-    scale = joint_scale(joint)
-    low, high = joint.low_rad - _LIMIT_SLACK_RAD, joint.high_rad + _LIMIT_SLACK_RAD
-
-    def above(count: int, angle: float) -> bool:
-        """Tell whether a count is at or beyond an angle, the way that counts grow."""
-        return count * scale >= angle if scale > 0.0 else count * scale <= angle
-
-    def beyond(count: int, angle: float) -> bool:
-        return count * scale > angle if scale > 0.0 else count * scale < angle
-
-    near, far = (low, high) if scale > 0.0 else (high, low)
-    lowest = joint.zero_tick + _first(lambda count: above(count, near), near / scale)
-    highest = joint.zero_tick + _first(lambda count: beyond(count, far), far / scale) - 1
-    if joint.mode == "position":
-        return max(lowest, 0), min(highest, joint.product.count_max)
-    return lowest, highest
 
 
 def _first(holds: Callable[[int], bool], near: float) -> int:

@@ -11,6 +11,7 @@ from controller.cycle import resolve_cycle
 from controller.registers import registers
 from controller.rig import Rig
 from controller.schedule import schedule_of
+from firmware_gen.projects.joint_config import servo_kinds
 from firmware_gen.projects.rig_rows import table_blocks
 
 PROTOCOLS: Final = {"dynamixel-2.0": "SV_DYNAMIXEL2", "feetech-sts": "SV_FEETECH_STS"}
@@ -129,13 +130,16 @@ def sizes_files(sizes: Sizes, rig: Rig, fast_sync_read: bool = False) -> dict[st
         f"#define SV_OUTPUT_KINDS 0x{sizes.output_kinds:X}U",
         "",
     ]
+    one, several = "((void)(joint), (rig)->servos)", "((rig)->servos + (rig)->joints[joint].servo)"
+    signs = "((reg)->encoding > SV_TWOS)"
     kinds = [
         "// what is known of the rig costs no code for the other cases",
         "#define SV_RIG(holder) ((void)(holder), &servolve_rig)",
-        "#define SV_CYCLE(rig) ((void)(rig), &servolve_cycle)",
+        f"#define SV_SERVO(rig, joint) {one if max(servo_kinds(rig)) == 0 else several}",
         f"#define SV_PROTOCOL(rig) ((void)(rig), {PROTOCOLS[rig.bus.protocol]})",
         f"#define SV_VELOCITY_MODE(rig) ((void)(rig), {int(rig.joints[0].mode == 'velocity')})",
         f"#define SV_FAST_SYNC_READ(rig) ((void)(rig), {int(fast_sync_read)})",
+        f"#define SV_HAS_SIGN_BIT(reg) {signs if rig.bus.protocol == 'feetech-sts' else '((void)(reg), 0)'}",
         "",
     ]
     return {

@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 
 from controller.register import Register
-from firmware_gen.projects.rig_rows import HIGHEST, LOWEST
 from firmware_gen.transpiler.literals import literal
 
 _ENCODINGS: Final = {
@@ -58,15 +57,6 @@ def pair_c(block: Sequence[int]) -> str:
         block: address and size
     """
     return f"{{{block[0]}, {block[1]}}}"
-
-
-def count_c(value: int) -> str:
-    """Write a count, the ends of all counts by their names.
-
-    Args:
-        value: the count
-    """
-    return {LOWEST: "INT32_MIN", HIGHEST: "INT32_MAX"}.get(value, str(value))
 
 
 def float_c(value: float) -> str:

@@ -65,7 +65,7 @@ static int32_t sv_is_there(sv_robot* robot, sv_findings* findings, int32_t joint
     sv_find(robot, findings, SV_FINDING_CORRUPT, joint, 0, 0, 0, 0);
     return 0;
   }
-  const uint16_t wanted = SV_RIG(robot)->joints[joint].model;
+  const uint16_t wanted = SV_SERVO(SV_RIG(robot), joint)->model;
   if (model != wanted) {
     sv_find(robot, findings, SV_FINDING_MODEL, joint, 0, model, wanted, wanted);
   }
@@ -82,7 +82,7 @@ static int32_t sv_waited_us(const sv_rig* rig, const sv_reply* reply, uint32_t a
 // Read the tables of one servo; return whether that went well.
 static int32_t sv_read_tables(sv_robot* robot, sv_findings* findings, int32_t joint, sv_tables* tables) {
   for (int32_t n = 0; n < 2; n++) {
-    const sv_block* block = SV_RIG(robot)->joints[joint].tables + n;
+    const sv_block* block = SV_SERVO(SV_RIG(robot), joint)->tables + n;
     const uint32_t asked_us = sv_hal_now_us();
     sv_hal_feed_watchdog();
     int32_t status = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
@@ -104,40 +104,50 @@ static int32_t sv_read_tables(sv_robot* robot, sv_findings* findings, int32_t jo
 }
 
 // Return the count of a register in the tables, -1 where they do not hold it.
-static int32_t sv_held(const sv_joint* joint, const sv_tables* tables, const sv_register* reg) {
+static int32_t sv_held(const sv_servo* servo, const sv_tables* tables, const sv_register* reg) {
+  int32_t count = -1;
   for (int32_t n = 0; n < 2; n++) {
-    const int32_t at = reg->address - joint->tables[n].address;
-    if (reg->size > 0 && at >= 0 && at + reg->size <= joint->tables[n].size) {
-      return sv_register_decode(reg, tables->bytes[n] + at);
-    }
+    (void)sv_in_block(servo->tables + n, tables->bytes[n], reg, &count);
   }
-  return -1;
+  return count;
 }
 
 // Compare one servo's registers with their rows.
 static void sv_compare(sv_robot* robot, sv_findings* findings, int32_t number, const sv_tables* tables) {
+  const sv_servo* servo = SV_SERVO(SV_RIG(robot), number);
   const sv_joint* joint = SV_RIG(robot)->joints + number;
-  for (int32_t i = 0; i < joint->ncheck; i++) {
-    const sv_check* check = joint->checks + i;
-    const int32_t held = sv_held(joint, tables, &check->reg);
-    const int32_t meant = check->mask < 0 ? held : (int32_t)((uint32_t)held & (uint32_t)check->mask);
-    if (meant >= check->low && meant <= check->high) {
+  for (int32_t i = 0; i < servo->ncheck; i++) {
+    const sv_check* check = servo->checks + i;
+    const int32_t held = sv_held(servo, tables, &check->reg);
+    const int32_t meant = check->mask == 0 ? held : (int32_t)((uint32_t)held & check->mask);
+    int32_t low = check->low;
+    int32_t high = check->high;
+    if (check->kind == SV_FINDING_POSITION) {
+      low = joint->place_low;
+      high = joint->place_high;
+    } else if (check->kind == SV_FINDING_LOW_LIMIT) {
+      high = joint->goal_low;
+    } else if (check->kind == SV_FINDING_HIGH_LIMIT) {
+      low = joint->goal_high;
+      high = INT32_MAX;
+    }
+    if (meant >= low && meant <= high) {
+      continue;
+    }
+    if (check->kind == SV_FINDING_TORQUE) {
+      sv_log_finding(robot, SV_WARNING, check->kind, number, check->reg.address, held, low, high);
       continue;
     }
     // a hardware error is told with the register that says whether it has taken the torque
-    const int32_t low = check->kind == SV_FINDING_HARDWARE ? sv_held(joint, tables, &joint->shutdown) : check->low;
-    if (check->level == SV_ERROR) {
-      sv_find(robot, findings, check->kind, number, check->reg.address, held, low, check->high);
-    } else {
-      sv_log_finding(robot, SV_WARNING, check->kind, number, check->reg.address, held, low, check->high);
-    }
+    low = check->kind == SV_FINDING_HARDWARE ? sv_held(servo, tables, &servo->shutdown) : low;
+    sv_find(robot, findings, check->kind, number, check->reg.address, held, low, high);
   }
 }
 
 // Tell of servos that nothing stops if this board dies.
 static void sv_check_watchdogs(sv_robot* robot) {
   for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
-    if (SV_RIG(robot)->joints[i].watchdog.size == 0) {
+    if (SV_SERVO(SV_RIG(robot), i)->watchdog.size == 0) {
       sv_log_finding(robot, SV_WARNING, SV_FINDING_WATCHDOG, i, 0, 0, 0, 0);
       return;
     }
@@ -181,7 +191,7 @@ static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
 // Object to a derated run of servos that have no torque ceiling to lower.
 static void sv_check_derating(sv_robot* robot, sv_findings* findings) {
   for (int32_t i = 0; i < SV_RIG(robot)->njoint && robot->wish.derate < 1.0F; i++) {
-    if (SV_RIG(robot)->joints[i].ceiling.size == 0) {
+    if (SV_SERVO(SV_RIG(robot), i)->ceiling.size == 0) {
       sv_find(robot, findings, SV_FINDING_DERATE, i, 0, 0, 0, 0);
       return;
     }

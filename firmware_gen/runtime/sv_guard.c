@@ -21,10 +21,10 @@ static int32_t sv_ask(sv_robot* robot, int32_t joint, const sv_register* reg, in
 // answered for comes again with the next reply.
 static int32_t sv_alerts(sv_robot* robot) {
   for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
-    const sv_joint* joint = SV_RIG(robot)->joints + i;
+    const sv_servo* servo = SV_SERVO(SV_RIG(robot), i);
     if (sv_judge_alert(SV_RIG(robot), &robot->watch, i, robot->replies + i)) {
-      const int32_t status = sv_ask(robot, i, &joint->hardware_error, SV_ATTEMPTS, 0);
-      const int32_t shutdown = sv_ask(robot, i, &joint->shutdown, 1, -1);
+      const int32_t status = sv_ask(robot, i, &servo->hardware_error, SV_ATTEMPTS, 0);
+      const int32_t shutdown = sv_ask(robot, i, &servo->shutdown, 1, -1);
       if (sv_judge_hardware_error(SV_RIG(robot), &robot->watch, i, status, shutdown)) {
         return 1;
       }
@@ -78,7 +78,7 @@ int32_t sv_stalled(sv_robot* robot, uint32_t now_us) {
   const int32_t silent_us = sv_age_us(now_us, robot->ended_us);
   const int32_t watchdog_us = SV_RIG(robot)->safety.watchdog_us;
   for (int32_t i = 0; i < SV_RIG(robot)->njoint && watchdog_us > 0 && silent_us > watchdog_us; i++) {
-    const sv_register* watchdog = &SV_RIG(robot)->joints[i].watchdog;
+    const sv_register* watchdog = &SV_SERVO(SV_RIG(robot), i)->watchdog;
     if (watchdog->size > 0 && sv_ask(robot, i, watchdog, SV_ATTEMPTS, 0) == SV_TRIPPED) {
       return sv_because(&robot->watch, SV_REASON_WATCHDOG, SV_NOBODY, silent_us, 0);
     }
@@ -88,7 +88,7 @@ int32_t sv_stalled(sv_robot* robot, uint32_t now_us) {
 
 int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* block) {
   uint8_t data[SV_HEALTH_BYTES_MAX];
-  const sv_joint* joint = SV_RIG(robot)->joints + number;
+  const sv_servo* servo = SV_SERVO(SV_RIG(robot), number);
   int32_t count = 0;
   int32_t temperature = 0;
   if (sv_bus_read(&robot->bus, number, block->address, block->size, data) != SV_REPLY_DATA) {
@@ -96,15 +96,15 @@ int32_t sv_look_after_health(sv_robot* robot, int32_t number, const sv_block* bl
   }
   sv_log_block(robot, SV_RECORD_HEALTH, number, block, data);
   // elsewhere each reply tells a hardware error, and it comes and goes with its cause
-  if (SV_PROTOCOL(SV_RIG(robot)) == SV_DYNAMIXEL2 && sv_in_block(block, data, &joint->hardware_error, &count) &&
+  if (SV_PROTOCOL(SV_RIG(robot)) == SV_DYNAMIXEL2 && sv_in_block(block, data, &servo->hardware_error, &count) &&
       count != 0) {
     return sv_judge_hardware_error(SV_RIG(robot), &robot->watch, number, count,
-                                   sv_ask(robot, number, &joint->shutdown, 1, -1));
+                                   sv_ask(robot, number, &servo->shutdown, 1, -1));
   }
-  if (sv_in_block(block, data, &joint->torque, &count) && sv_judge_torque(&robot->watch, number, count)) {
+  if (sv_in_block(block, data, &servo->torque, &count) && sv_judge_torque(&robot->watch, number, count)) {
     return 1;
   }
-  return sv_in_block(block, data, &joint->voltage, &count) &&
-         sv_in_block(block, data, &joint->temperature, &temperature) &&
+  return sv_in_block(block, data, &servo->voltage, &count) &&
+         sv_in_block(block, data, &servo->temperature, &temperature) &&
          sv_judge_health(SV_RIG(robot), &robot->watch, number, count, temperature);
 }

@@ -1,6 +1,5 @@
 #include "sv_home.h"
 
-#include "sv_axis.h"
 #include "sv_hal.h"
 #include "sv_io.h"
 #include "sv_period.h"
@@ -14,9 +13,9 @@ static int32_t sv_plan(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
   int32_t nmove = SV_VELOCITY_MODE(rig) ? 1 : 0;
   for (int32_t i = 0; i < rig->njoint && !SV_VELOCITY_MODE(rig); i++) {
-    const sv_axis axis = sv_axis_of(rig->joints + i);
+    const sv_joint* joint = rig->joints + i;
     const float step = rig->safety.homing_rad_s * ((float)rig->period_us * kMicro);
-    const int32_t periods = sv_homing_periods(&axis, robot->goals[i], rig->joints[i].neutral, step);
+    const int32_t periods = sv_homing_periods(joint->angle_scale, robot->goals[i], joint->neutral, step);
     nmove = periods > nmove ? periods : nmove;
     robot->from[i] = robot->goals[i];
   }
@@ -27,8 +26,7 @@ void sv_home_goals(const sv_robot* robot, int32_t k, int32_t* goals) {
   const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < rig->njoint; i++) {
     if (SV_VELOCITY_MODE(rig)) {
-      const sv_axis axis = sv_axis_of(rig->joints + i);
-      goals[i] = sv_homing_speed(&axis, robot->raw[i], rig->safety.homing_rad_s);
+      goals[i] = sv_homing_speed(rig->axes + i, robot->raw[i], rig->safety.homing_rad_s);
     } else {
       goals[i] = sv_homing_goal(robot->from[i], rig->joints[i].neutral, k, robot->nmove);
     }
@@ -38,13 +36,12 @@ void sv_home_goals(const sv_robot* robot, int32_t k, int32_t* goals) {
 static int32_t sv_at_rest(const sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < rig->njoint; i++) {
-    const sv_joint* joint = rig->joints + i;
     const int32_t speed = robot->raw[rig->njoint + i];
-    if (robot->replies[i].status != SV_REPLY_DATA || speed > joint->rest_count || speed < -joint->rest_count) {
+    const int32_t rest = SV_SERVO(rig, i)->rest_count;
+    if (robot->replies[i].status != SV_REPLY_DATA || speed > rest || speed < -rest) {
       return 0;
     }
-    const sv_axis axis = sv_axis_of(joint);
-    if (SV_VELOCITY_MODE(rig) && !sv_homing_near(&axis, robot->raw[i])) {
+    if (SV_VELOCITY_MODE(rig) && !sv_homing_near(rig->axes + i, robot->raw[i])) {
       return 0;
     }
   }

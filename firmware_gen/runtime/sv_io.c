@@ -1,6 +1,5 @@
 #include "sv_io.h"
 
-#include "sv_axis.h"
 #include "sv_hal.h"
 #include "sv_time.h"
 
@@ -65,13 +64,13 @@ void sv_read_servos(sv_robot* robot, const sv_block* block) {
     if (robot->replies[i].status != SV_REPLY_DATA) {
       continue;
     }
-    const sv_joint* joint = SV_RIG(robot)->joints + i;
+    const sv_servo* servo = SV_SERVO(SV_RIG(robot), i);
     const uint8_t* from = data + i * block->size;
     robot->answered |= UINT32_C(1) << i;
     robot->answered_us[i] = robot->replies[i].t_us;
-    (void)sv_in_block(block, from, &joint->position, robot->raw + i);
-    (void)sv_in_block(block, from, &joint->velocity, robot->raw + njoint + i);
-    (void)sv_in_block(block, from, &joint->load, robot->raw + 2 * njoint + i);
+    (void)sv_in_block(block, from, &servo->position, robot->raw + i);
+    (void)sv_in_block(block, from, &servo->velocity, robot->raw + njoint + i);
+    (void)sv_in_block(block, from, &servo->load, robot->raw + 2 * njoint + i);
   }
 }
 
@@ -85,11 +84,10 @@ void sv_write_goals(sv_robot* robot, const sv_block* block, const int32_t* goals
   for (int32_t i = 0; i < rig->njoint; i++) {
     robot->goals[i] = goals[i];
     if (SV_VELOCITY_MODE(rig)) {
-      const sv_axis axis = sv_axis_of(rig->joints + i);
       const int32_t age_us = sv_joint_age_us(robot, i, sv_hal_now_us());
-      robot->goals[i] = sv_speed_inside(&axis, robot->raw[i], goals[i], age_us, rig->period_us);
+      robot->goals[i] = sv_speed_inside(rig->axes + i, robot->raw[i], goals[i], age_us, rig->period_us);
     }
-    sv_register_encode(&rig->joints[i].goal, robot->goals[i], data + i * block->size);
+    sv_register_encode(&SV_SERVO(rig, i)->goal, robot->goals[i], data + i * block->size);
   }
   sv_bus_sync_write(&robot->bus, block->address, block->size, data);
 }

@@ -75,7 +75,7 @@ void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joi
 void sv_log_cycle(sv_robot* robot, int32_t k) {
   const sv_period* done = &robot->done;
   const sv_rig* rig = SV_RIG(robot);
-  const sv_program* program = SV_CYCLE(rig)->program;
+  const sv_program* program = servolve_cycle.program;
   uint32_t missed = 0;
   for (int32_t i = 0; i < rig->njoint; i++) {
     missed |= (uint32_t)(robot->replies[i].status != SV_REPLY_DATA) << i;
@@ -89,7 +89,7 @@ void sv_log_cycle(sv_robot* robot, int32_t k) {
   sv_record_varint(&record, (int32_t)(done->aimed_us - done->read_us));
   sv_record_varint(&record, done->sent ? (int32_t)(done->ended_us - done->aimed_us) : -1);
   sv_record_u16(&record, missed);
-  for (int32_t i = 0; i < SV_CYCLE(rig)->nraw; i++) {
+  for (int32_t i = 0; i < servolve_cycle.nraw; i++) {
     sv_record_varint(&record, robot->raw[i]);
   }
   // ages when the cycle ran

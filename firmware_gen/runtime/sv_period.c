@@ -47,10 +47,10 @@ static int32_t sv_refuse(sv_robot* robot, const int32_t* goals) {
     if (goals[i] < joint->goal_low || goals[i] > joint->goal_high) {
       return sv_because(&robot->watch, SV_REASON_LIMIT, i, goals[i], 0);
     }
-    if (SV_VELOCITY_MODE(rig) && !joint->unlimited && (goals[i] == 0 || last == 0)) {
+    if (SV_VELOCITY_MODE(rig) && !rig->axes[i].unlimited && (goals[i] == 0 || last == 0)) {
       continue;  // near an end of its travel a joint is stopped at once, and let go at once
     }
-    const float scale = SV_VELOCITY_MODE(rig) ? joint->speed_scale : joint->angle_scale;
+    const float scale = SV_VELOCITY_MODE(rig) ? rig->axes[i].speed_scale : joint->angle_scale;
     const float unit = scale < 0.0F ? -scale : scale;
     const float step = (float)(goals[i] < last ? last - goals[i] : goals[i] - last) * unit;
     const float allowed = rate * ((float)rig->period_us * 1.0e-6F) + unit;
@@ -77,7 +77,7 @@ static void sv_aim(sv_robot* robot, int32_t k, int32_t* goals) {
     sv_home_goals(robot, k, goals);
     return;
   }
-  sv_cycle_step(SV_CYCLE(SV_RIG(robot)), &robot->wish.goal, &robot->cycle, robot->registers, robot->memory, robot->raw,
+  sv_cycle_step(&servolve_cycle, &robot->wish.goal, &robot->cycle, robot->registers, robot->memory, robot->raw,
                 robot->terminals, robot->outputs, goals);
 }
 

@@ -64,13 +64,15 @@ typedef enum {
   SV_FINDING_SETTING = 5,     // a register holds value and must hold low..high
   SV_FINDING_VOLTAGE = 6,     // of the supply
   SV_FINDING_TEMPERATURE = 7,
-  SV_FINDING_POSITION = 8,   // outside one turn, or outside its limits
-  SV_FINDING_TORQUE = 9,     // was on already
-  SV_FINDING_HARDWARE = 10,  // value: hardware error bits, low: the shutdown register, -1: unknown
-  SV_FINDING_SENSOR = 11,    // joint: number of the sensor; value: age [us], -1: no line has come
-  SV_FINDING_DERATE = 12,    // the servos have no torque ceiling to lower
-  SV_FINDING_WATCHDOG = 13,  // warning: the servos have no bus watchdog
-  SV_FINDING_LATE = 14       // answers later than the line needs; value: by [us]; joint 255: every servo does
+  SV_FINDING_POSITION = 8,    // outside one turn, or outside its limits
+  SV_FINDING_TORQUE = 9,      // was on already
+  SV_FINDING_HARDWARE = 10,   // value: hardware error bits, low: the shutdown register, -1: unknown
+  SV_FINDING_SENSOR = 11,     // joint: number of the sensor; value: age [us], -1: no line has come
+  SV_FINDING_DERATE = 12,     // the servos have no torque ceiling to lower
+  SV_FINDING_WATCHDOG = 13,   // warning: the servos have no bus watchdog
+  SV_FINDING_LATE = 14,       // answers later than the line needs; value: by [us]; joint 255: every servo does
+  SV_FINDING_LOW_LIMIT = 15,  // a setting that must let the joint go as low as its limits: at most high
+  SV_FINDING_HIGH_LIMIT = 16  // at least low
 } sv_finding;
 
 typedef enum {

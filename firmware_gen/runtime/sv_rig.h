@@ -1,7 +1,8 @@
 // One rig as constant data: what `rig.toml` says, resolved to register addresses and counts by the generator.
 //
 // A servo's registers, the checks of its settings and the settings themselves are rows of tables, so that the code
-// knows no product: Dynamixel 2.0 and Feetech STS servos differ here and in their packets only.
+// knows no product: Dynamixel 2.0 and Feetech STS servos differ here and in their packets only. What is the same for
+// all joints of one product with the same settings stands once, in sv_servo.
 
 #ifndef SV_RIG_H_
 #define SV_RIG_H_
@@ -9,6 +10,7 @@
 #include <stdint.h>
 
 #include "sv_cycle.h"
+#include "sv_homing.h"
 #include "sv_rig_sizes.h"
 #include "sv_schedule.h"
 
@@ -20,10 +22,10 @@ typedef enum { SV_DYNAMIXEL2 = 0, SV_FEETECH_STS = 1 } sv_protocol;
 
 typedef enum {
   SV_UNSIGNED = 0,
-  SV_TWOS = 1,    // two's complement
-  SV_SIGN15 = 2,  // magnitude, sign in bit 15
-  SV_SIGN11 = 3,
-  SV_SIGN10 = 4
+  SV_TWOS = 1,     // two's complement
+  SV_SIGN10 = 10,  // magnitude, sign in bit 10
+  SV_SIGN11 = 11,
+  SV_SIGN15 = 15
 } sv_encoding;
 
 typedef struct {
@@ -39,53 +41,51 @@ typedef struct {
 
 typedef enum { SV_WARNING = 0, SV_ERROR = 1 } sv_level;
 
-// A register must hold low..high under mask. Number `kind` of the finding otherwise: see sv_reason.h.
+// A register must hold low..high; what depends on the joint takes its place as its kind says.
 typedef struct {
   sv_register reg;
-  int32_t mask;  // -1: the whole count
-  int32_t low;
-  int32_t high;
-  uint8_t level;  // sv_level
-  uint8_t kind;   // sv_finding
+  uint16_t low;
+  uint16_t high;
+  uint8_t mask;  // bits of the count that matter, 0: all
+  uint8_t kind;  // sv_finding otherwise: see sv_reason.h
 } sv_check;
 
+// A servo as the rig sets it: the same for all joints that have such a one.
 typedef struct {
-  uint8_t id;
-  uint16_t model;     // what the servo says that it is
-  int32_t zero;       // encoder counts at angle 0
-  float angle_scale;  // rad per count, sign included
-  float speed_scale;  // rad/s per velocity count, sign included
-  int32_t goal_low;   // goals that the mode and the limits allow [counts]
-  int32_t goal_high;
-  int32_t seed_low;  // positions that a goal may be seeded with, position mode [counts]
-  int32_t seed_high;
-  int32_t neutral;  // position at rest [counts]
-  float neutral_rad;
-  float low_rad;  // -+3.4e38 for an unlimited joint
-  float high_rad;
-  float speed_max;      // fastest velocity that may be commanded [rad/s]
-  float no_load_speed;  // of the servo [rad/s]
-  uint8_t unlimited;
-  int32_t rest_count;  // a joint at rest has at most this velocity [counts]
+  uint16_t model;         // what the servo says that it is
+  uint8_t error_bits;     // of the hardware error that mean something
+  float no_load_speed;    // [rad/s]
+  float voltage_scale;    // V per count
+  int32_t rest_count;     // a joint at rest has at most this velocity [counts]
+  int32_t ceiling_count;  // torque ceiling at derating 1
   sv_register position;
   sv_register velocity;
   sv_register load;
   sv_register goal;
   sv_register torque;
-  sv_register ceiling;    // torque ceiling, size 0: none
-  int32_t ceiling_count;  // at derating 1
-  sv_register watchdog;   // bus watchdog, size 0: none
+  sv_register ceiling;   // torque ceiling, size 0: none
+  sv_register watchdog;  // bus watchdog, size 0: none
   sv_register hardware_error;
   sv_register shutdown;
   sv_register voltage;
   sv_register temperature;
-  float voltage_scale;  // V per count
-  uint8_t error_bits;   // of the hardware error that mean something
-  sv_block tables[2];   // blocks that the start-up check reads: EEPROM, then RAM
+  sv_block tables[2];  // blocks that the start-up check reads: EEPROM, then RAM
   const sv_check* checks;
   int32_t ncheck;
   const sv_setting* settings;  // what is written before torque, in order, but for the torque ceiling, which is last
   int32_t nsetting;
+} sv_servo;
+
+typedef struct {
+  uint8_t id;
+  uint8_t servo;      // number of its kind among the rig's servos
+  int32_t zero;       // encoder counts at angle 0
+  float angle_scale;  // rad per count, sign included
+  int32_t goal_low;   // goals that the mode and the limits allow [counts]
+  int32_t goal_high;
+  int32_t place_low;  // where it may stand before a run [counts]
+  int32_t place_high;
+  int32_t neutral;  // position at rest [counts]
 } sv_joint;
 
 // Lines of the sensor node that begin with one letter.
@@ -130,6 +130,8 @@ typedef struct {
   float slew_rad_s;            // of the controller, 0: none
   int32_t njoint;
   const sv_joint* joints;
+  const sv_servo* servos;  // kinds of servos
+  const sv_axis* axes;     // (njoint) of joints that are driven by their speed, 0: by their position
   int32_t nsensor;
   const sv_sensor* sensors;
   int32_t nmessage;
@@ -138,11 +140,10 @@ typedef struct {
   int32_t pitch;
   sv_schedule schedule;
   sv_safety safety;
-  const sv_cycle* cycle;
   uint32_t fingerprint;  // of rig and controller: a log names the files that it belongs to
 } sv_rig;
 
-// A project's one rig with its cycle, of rig.c.
+// A project's one rig and its one cycle, of rig.c.
 extern const sv_rig servolve_rig;
 extern const sv_cycle servolve_cycle;
 

@@ -11,9 +11,10 @@
 
 // what a project knows of its rig costs no code for the other cases
 #define SV_RIG(holder) ((holder)->rig)
-#define SV_CYCLE(rig) ((rig)->cycle)
+#define SV_SERVO(rig, joint) ((rig)->servos + (rig)->joints[joint].servo)
 #define SV_PROTOCOL(rig) ((rig)->protocol)
 #define SV_VELOCITY_MODE(rig) ((rig)->velocity_mode)
 #define SV_FAST_SYNC_READ(rig) ((rig)->fast_sync_read)
+#define SV_HAS_SIGN_BIT(reg) ((reg)->encoding > SV_TWOS)
 
 #endif  // SV_RIG_SIZES_H_

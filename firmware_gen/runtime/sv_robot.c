@@ -39,7 +39,7 @@ static int32_t sv_arm(sv_robot* robot) {
 
 // Step the controller until the time is over.
 static void sv_control(sv_robot* robot) {
-  sv_cycle_reset(SV_CYCLE(SV_RIG(robot)), &robot->cycle, robot->registers, robot->memory);
+  sv_cycle_reset(&servolve_cycle, &robot->cycle, robot->registers, robot->memory);
   // the cycle's slew starts at rest, at whatever speed homing ended
   for (int32_t i = 0; i < SV_RIG(robot)->njoint && SV_VELOCITY_MODE(SV_RIG(robot)); i++) {
     robot->goals[i] = 0;
@@ -199,7 +199,7 @@ static void sv_zero_all(const sv_rig* rig, const sv_register* reg) {
 
 void sv_robot_panic(const sv_rig* rig) {
   if (SV_VELOCITY_MODE(rig)) {
-    sv_zero_all(rig, &rig->joints[0].goal);
+    sv_zero_all(rig, &SV_SERVO(rig, 0)->goal);
   }
-  sv_zero_all(rig, &rig->joints[0].torque);
+  sv_zero_all(rig, &SV_SERVO(rig, 0)->torque);
 }

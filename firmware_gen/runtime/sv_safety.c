@@ -91,7 +91,8 @@ int32_t sv_judge_alert(const sv_rig* rig, sv_watch* watch, int32_t joint, const 
 
 int32_t sv_judge_hardware_error(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t status, int32_t shutdown) {
   // an error byte has bits beside these that are about the question
-  const int32_t meant = rig->joints[joint].hardware_error.size > 0 ? status : status & rig->joints[joint].error_bits;
+  const int32_t meant =
+      SV_SERVO(rig, joint)->hardware_error.size > 0 ? status : status & SV_SERVO(rig, joint)->error_bits;
   return meant != 0 && sv_because(watch, SV_REASON_HARDWARE, joint, meant, shutdown);
 }
 
@@ -129,7 +130,7 @@ int32_t sv_judge_encoders(const sv_rig* rig, sv_watch* watch, uint32_t asked_us,
     const float angle = sv_angle(rig->joints + i, counts[i]);
     const float since = joint->seen ? sv_seconds(now_us, joint->believed_us) : 0.0F;
     const float way = joint->seen ? sv_absolute(angle - joint->believed_rad) : 0.0F;
-    const float turned = kJumpSpeed * rig->joints[i].no_load_speed * since;
+    const float turned = kJumpSpeed * SV_SERVO(rig, i)->no_load_speed * since;
     if (way <= kJumpRad + turned) {
       // an answer that was held up is as old as its question
       joint->seen = 1;
@@ -171,8 +172,8 @@ int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, uint32_t now_us, con
                         const int32_t* speeds, const int32_t* counts) {
   const float slack = rig->safety.tracking_rad_max;
   for (int32_t i = 0; i < rig->njoint; i++) {
-    const sv_joint* joint = rig->joints + i;
-    const float angle = sv_angle(joint, counts[i]);
+    const sv_axis* joint = rig->axes + i;
+    const float angle = sv_angle(rig->joints + i, counts[i]);
     if (!joint->unlimited && !(angle >= joint->low_rad - slack && angle <= joint->high_rad + slack)) {
       return sv_because(watch, SV_REASON_OUTSIDE, i, sv_milli(angle), 0);
     }
@@ -204,7 +205,7 @@ int32_t sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitc
 }
 
 int32_t sv_judge_health(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t voltage, int32_t temperature) {
-  const int32_t millivolts = sv_milli((float)voltage * rig->joints[joint].voltage_scale);
+  const int32_t millivolts = sv_milli((float)voltage * SV_SERVO(rig, joint)->voltage_scale);
   sv_watch_joint* counted = watch->joints + joint;
   counted->hot = (float)temperature > rig->safety.temperature_max ? counted->hot + 1 : 0;
   counted->low = millivolts < sv_milli(rig->safety.voltage_low) ? counted->low + 1 : 0;

@@ -34,14 +34,14 @@ static int32_t sv_set(sv_robot* robot, int32_t joint, const sv_register* reg, in
 
 int32_t sv_write_settings(sv_robot* robot) {
   for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
-    const sv_joint* joint = SV_RIG(robot)->joints + i;
-    for (int32_t n = 0; n < joint->nsetting; n++) {
-      if (sv_set(robot, i, &joint->settings[n].reg, joint->settings[n].value)) {
+    const sv_servo* servo = SV_SERVO(SV_RIG(robot), i);
+    for (int32_t n = 0; n < servo->nsetting; n++) {
+      if (sv_set(robot, i, &servo->settings[n].reg, servo->settings[n].value)) {
         return 1;
       }
     }
-    if (joint->ceiling.size > 0 &&
-        sv_set(robot, i, &joint->ceiling, sv_derate(joint->ceiling_count, robot->wish.derate))) {
+    if (servo->ceiling.size > 0 &&
+        sv_set(robot, i, &servo->ceiling, sv_derate(servo->ceiling_count, robot->wish.derate))) {
       return 1;
     }
   }
@@ -51,15 +51,15 @@ int32_t sv_write_settings(sv_robot* robot) {
 int32_t sv_seed_goals(sv_robot* robot) {
   for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
     const sv_joint* joint = SV_RIG(robot)->joints + i;
+    const sv_servo* servo = SV_SERVO(SV_RIG(robot), i);
     int32_t goal = 0;
-    if (!SV_VELOCITY_MODE(SV_RIG(robot)) && sv_get(robot, i, &joint->position, &goal)) {
+    if (!SV_VELOCITY_MODE(SV_RIG(robot)) && sv_get(robot, i, &servo->position, &goal)) {
       return 1;
     }
-    // of a velocity, both are 0
-    goal = goal > joint->seed_low ? goal : joint->seed_low;
-    goal = goal < joint->seed_high ? goal : joint->seed_high;
+    goal = goal > joint->goal_low ? goal : joint->goal_low;
+    goal = goal < joint->goal_high ? goal : joint->goal_high;
     robot->goals[i] = goal;
-    if (sv_set(robot, i, &joint->goal, goal)) {
+    if (sv_set(robot, i, &servo->goal, goal)) {
       return 1;
     }
   }
@@ -69,12 +69,12 @@ int32_t sv_seed_goals(sv_robot* robot) {
 int32_t sv_torque_on(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < rig->njoint; i++) {
-    if (sv_set(robot, i, &rig->joints[i].torque, 1)) {
+    if (sv_set(robot, i, &SV_SERVO(rig, i)->torque, 1)) {
       return 1;
     }
   }
   for (int32_t i = 0; i < rig->njoint && rig->safety.watchdog_us > 0; i++) {
-    const sv_register* watchdog = &rig->joints[i].watchdog;
+    const sv_register* watchdog = &SV_SERVO(rig, i)->watchdog;
     if (watchdog->size > 0 && sv_set(robot, i, watchdog, rig->safety.watchdog_count)) {
       return 1;
     }
@@ -105,16 +105,16 @@ static int32_t sv_clear(sv_robot* robot, int32_t joint, const sv_register* reg) 
 
 // Switch one servo's torque and watchdog off and let its velocity be 0; return whether it reads so.
 static int32_t sv_switch_off(sv_robot* robot, int32_t number) {
-  const sv_joint* joint = SV_RIG(robot)->joints + number;
-  if (!sv_clear(robot, number, &joint->torque) ||
-      (joint->watchdog.size > 0 && !sv_clear(robot, number, &joint->watchdog))) {
+  const sv_servo* servo = SV_SERVO(SV_RIG(robot), number);
+  if (!sv_clear(robot, number, &servo->torque) ||
+      (servo->watchdog.size > 0 && !sv_clear(robot, number, &servo->watchdog))) {
     return 0;
   }
   if (!SV_VELOCITY_MODE(SV_RIG(robot))) {
     return 1;
   }
   // a goal may have switched it on
-  return sv_clear(robot, number, &joint->goal) && sv_is_zero(robot, number, &joint->torque);
+  return sv_clear(robot, number, &servo->goal) && sv_is_zero(robot, number, &servo->torque);
 }
 
 uint32_t sv_release(sv_robot* robot) {
@@ -123,9 +123,9 @@ uint32_t sv_release(sv_robot* robot) {
   const int32_t usual_us = robot->bus.patience_us;
   uint32_t left = (UINT32_C(1) << rig->njoint) - 1U;
   if (SV_VELOCITY_MODE(rig)) {
-    sv_clear_all(robot, &rig->joints[0].goal);
+    sv_clear_all(robot, &SV_SERVO(rig, 0)->goal);
   }
-  sv_clear_all(robot, &rig->joints[0].torque);
+  sv_clear_all(robot, &SV_SERVO(rig, 0)->torque);
   for (;;) {
     for (int32_t i = 0; i < rig->njoint; i++) {
       if ((left >> i & 1U) != 0U && sv_switch_off(robot, i)) {
@@ -144,11 +144,11 @@ uint32_t sv_release(sv_robot* robot) {
 
 int32_t sv_hold(sv_robot* robot) {
   for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
-    const sv_joint* joint = SV_RIG(robot)->joints + i;
+    const sv_servo* servo = SV_SERVO(SV_RIG(robot), i);
     int32_t torque = 0;
-    if ((SV_VELOCITY_MODE(SV_RIG(robot)) && sv_set(robot, i, &joint->goal, 0)) ||
-        (joint->watchdog.size > 0 && sv_set(robot, i, &joint->watchdog, 0)) ||
-        sv_get(robot, i, &joint->torque, &torque) || sv_judge_torque(&robot->watch, i, torque == 1)) {
+    if ((SV_VELOCITY_MODE(SV_RIG(robot)) && sv_set(robot, i, &servo->goal, 0)) ||
+        (servo->watchdog.size > 0 && sv_set(robot, i, &servo->watchdog, 0)) ||
+        sv_get(robot, i, &servo->torque, &torque) || sv_judge_torque(&robot->watch, i, torque == 1)) {
       return 1;
     }
   }

@@ -65,32 +65,34 @@ static void set(int32_t joint, const sv_register* reg, int32_t count) {
 static void commission(void) {
   for (int32_t i = 0; i < servolve_rig.njoint; i++) {
     const sv_joint* joint = servolve_rig.joints + i;
-    for (int32_t k = 0; k < joint->ncheck; k++) {
-      set(i, &joint->checks[k].reg, joint->checks[k].low);
+    const sv_servo* servo = SV_SERVO(&servolve_rig, i);
+    for (int32_t k = 0; k < servo->ncheck; k++) {
+      const sv_check* check = servo->checks + k;
+      set(i, &check->reg, check->kind == SV_FINDING_HIGH_LIMIT ? joint->goal_high : check->low);
     }
     if (!is_dynamixel()) {
-      world.tables[i][3] = (uint8_t)joint->model;
-      world.tables[i][4] = (uint8_t)(joint->model >> 8);
+      world.tables[i][3] = (uint8_t)servo->model;
+      world.tables[i][4] = (uint8_t)(servo->model >> 8);
     }
-    set(i, &joint->position, joint->neutral);
-    set(i, &joint->temperature, 30);
+    set(i, &servo->position, joint->neutral);
+    set(i, &servo->temperature, 30);
   }
 }
 
 // Write a block; who is given a goal is there at once.
 static void take_block(int32_t i, int32_t address, const uint8_t* data, int32_t n) {
-  const sv_joint* joint = servolve_rig.joints + i;
+  const sv_servo* servo = SV_SERVO(&servolve_rig, i);
   for (int32_t k = 0; k < n && address + k < TABLE_MAX; k++) {
     world.tables[i][address + k] = data[k];
   }
-  if (address <= joint->goal.address && joint->goal.address < address + n && !servolve_rig.velocity_mode) {
-    set(i, &joint->position, sv_register_decode(&joint->goal, world.tables[i] + joint->goal.address));
+  if (address <= servo->goal.address && servo->goal.address < address + n && !servolve_rig.velocity_mode) {
+    set(i, &servo->position, sv_register_decode(&servo->goal, world.tables[i] + servo->goal.address));
     // and an STS servo takes torque for it
     world.torque |= is_dynamixel() ? 0U : 1U << i;
   }
-  if (address <= joint->torque.address && joint->torque.address < address + n) {
+  if (address <= servo->torque.address && servo->torque.address < address + n) {
     const uint32_t bit = 1U << i;
-    world.torque = data[joint->torque.address - address] != 0 ? world.torque | bit : world.torque & ~bit;
+    world.torque = data[servo->torque.address - address] != 0 ? world.torque | bit : world.torque & ~bit;
   }
 }
 
@@ -148,7 +150,8 @@ static void obey(uint8_t id, uint8_t instruction, const uint8_t* parameters, int
   const int32_t size = parameters[wide];
   const int32_t i = joint_of(id);
   if (instruction == SV_PING2 && i >= 0) {
-    const uint8_t pong[3] = {(uint8_t)servolve_rig.joints[i].model, (uint8_t)(servolve_rig.joints[i].model >> 8), 46};
+    const uint16_t model = SV_SERVO(&servolve_rig, i)->model;
+    const uint8_t pong[3] = {(uint8_t)model, (uint8_t)(model >> 8), 46};
     answer(i, pong, is_dynamixel() ? 3 : 0);
   } else if (instruction == SV_READ2) {
     answer_block(id, address, size);
