@@ -6,6 +6,7 @@ BIN := $(VENV)/bin
 PACKAGES := controller sim_models evolve deploy firmware_gen servolve
 C_FILES := $(wildcard controller/runtime/*.c controller/runtime/*.h sim_models/native/*.c sim_models/native/*.h)
 FIRMWARE_C := $(wildcard firmware_gen/runtime/*.[ch] firmware_gen/boards/*/*.[ch] firmware_gen/boards/*/*.cpp)
+TESTS_C := $(filter-out tests/golden/%,$(wildcard tests/*.[ch] tests/*/*.[ch]))
 OUT ?= demo-out
 FUZZ_SECONDS ?= 60
 
@@ -26,7 +27,7 @@ check: $(VENV)/ready ## lint, types, formats, import directions, docstrings
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/clang-format --dry-run -Werror $(C_FILES) $(FIRMWARE_C)
+	$(BIN)/clang-format --dry-run -Werror $(C_FILES) $(FIRMWARE_C) $(TESTS_C)
 	$(BIN)/lint-imports
 	$(BIN)/python -m controller.generate_runtime --check
 	$(BIN)/pytest -q tests/test_docstrings.py
@@ -34,7 +35,7 @@ check: $(VENV)/ready ## lint, types, formats, import directions, docstrings
 format: $(VENV)/ready ## rewrite the sources in the house's format
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
-	$(BIN)/clang-format -i $(C_FILES) $(FIRMWARE_C)
+	$(BIN)/clang-format -i $(C_FILES) $(FIRMWARE_C) $(TESTS_C)
 
 accept: $(VENV)/ready ## what needs a quiet machine or much time: rates, ratios, long random tests
 	$(BIN)/pytest tests/accept_*.py

@@ -76,7 +76,7 @@ def build_image(rig, folder):
 
 def _compile(name, folder, sources, includes=(RUNTIME, ROOT / "controller" / "runtime")):
     if shutil.which("clang") is None:
-        raise RuntimeError("fuzzing needs clang with libFuzzer: install clang and libclang-rt-14-dev")
+        raise RuntimeError("fuzzing needs clang with libFuzzer; .ci/system-packages fetches them")
     target = folder / f"fuzz-{name}"
     flags = [f"-I{path}" for path in (*includes, FUZZ)]
     subprocess.run([*COMPILE.split(), *flags, *map(str, sorted(sources)), "-o", str(target)], check=True)
