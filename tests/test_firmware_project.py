@@ -176,6 +176,17 @@ def test_the_readme_lists_the_commands_that_the_console_knows():
         assert f'"{command.split()[0]}' in console, command
 
 
+@pytest.mark.parametrize(
+    ("board", "promised"),
+    [("stm32f405", "fault handler takes the torque"), ("arduino", "There is no fault handler"), ("host", None)],
+)
+def test_the_readme_promises_no_watchdog_that_a_board_has_not(board, promised):
+    stops = " ".join(project_of(board).files["README.md"].split("## What stops it")[1].split("## Files")[0].split())
+    assert (promised or "periods in a row overrun") in stops
+    assert ("hangs" in stops) == (promised is not None)
+    assert ("`feed_watchdog`" in stops) == (board == "arduino")
+
+
 # a board is a folder
 
 

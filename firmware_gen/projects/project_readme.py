@@ -56,7 +56,7 @@ def readme_text(controller: Controller, rig: Rig, board: Board) -> str:
             "",
             *_steps(rig, board),
             *_console(),
-            *_stops(rig),
+            *_stops(rig, board),
             *_files(board),
         ]
     )
@@ -69,6 +69,8 @@ def _install() -> list[str]:
         "that Dynamixel2Arduino knows, `…_Serial` for a serial port with a direction pin; it needs no other library.",
         "PlatformIO: put this folder into a project's `lib/`, a sketch of `examples/` into its `src/`, and for "
         "`…_Dynamixel` write `lib_deps = robotis-git/Dynamixel2Arduino` into `platformio.ini`.",
+        "For the Library Manager, to which others' libraries are submitted, write a page of yours behind `url=` of "
+        "`library.properties`; the IDE itself needs none.",
         "Every C file forbids the compiler to fuse products with sums, and the controller checks at start that it "
         "computes the reference's bits; where it does not, the console says so and no run starts.",
     )
@@ -149,7 +151,7 @@ def _console() -> list[str]:
     return ["## Console", "", "| command | what it does |", "|---|---|", *rows, ""]
 
 
-def _stops(rig: Rig) -> list[str]:
+def _stops(rig: Rig, board: Board) -> list[str]:
     safety = rig.safety
     held = " (then the servos hold their last goal)" if safety.stop == "hold" else ""
     tilt = f", the base tilts more than {safety.tilt_rad_max:g} rad" if safety.tilt_rad_max > 0.0 else ""
@@ -159,7 +161,7 @@ def _stops(rig: Rig) -> list[str]:
         f"above {safety.temperature_c_max:g} degrees Celsius or below {safety.voltage_low_v:g} V;",
         f"a joint is {safety.tracking_rad_max:g} rad from its goal for {safety.tracking_s_max:g} s, or jumps;",
         f"a sensor that it needs is silent{tilt}, or more than {safety.overrun_cycles_max} periods in a row overrun;",
-        "the program hangs or faults: the board's watchdog or fault handler takes the torque and resets.",
+        *_stuck(board),
     )
     if safety.watchdog_s > 0.0:
         alone = (
@@ -181,6 +183,19 @@ def _stops(rig: Rig) -> list[str]:
         *_wrapped(alone),
         "",
     ]
+
+
+def _stuck(board: Board) -> list[str]:
+    """Return what ends a run whose program does not go on."""
+    if board.form == "arduino":
+        return [
+            "the program hangs, on an AVR: its watchdog resets it, and as it boots it takes the torque. On other "
+            "processors that needs a watchdog of your sketch's (`feed_watchdog`); without one it is as if the board "
+            "had died. There is no fault handler on any."
+        ]
+    if board.machine == "twin":
+        return []
+    return ["the program hangs or faults: the board's watchdog or fault handler takes the torque and resets."]
 
 
 def _wrapped(text: str, first: str = "", rest: str = "") -> list[str]:
