@@ -28,6 +28,7 @@ from deploy.log_topics import FORMAT, TOPICS
 _FLUSH_S: Final = 1.0
 _CHUNK_BYTES: Final = 1 << 20
 _LIBRARY: Final = "servolve"
+_MAGIC: Final = b"\x89MCAP"
 _NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 
 
@@ -65,11 +66,11 @@ class RunLog:
     """Write a log; close it on every way out.
 
     Args:
-        path: the file, overwritten
+        path: the file; a log that is there is overwritten, anything else is not
         epoch_ns: wall-clock time of t = 0 [ns]; 0 in lock step, where no wall clock may enter
 
     Raises:
-        InputError: if the file can not be written
+        InputError: if the file can not be written, or is something else than a log
     """
 
     def __init__(self, path: str | Path, epoch_ns: int = 0) -> None:
@@ -78,6 +79,7 @@ class RunLog:
         self._flushed_at = 0.0
         self._failed = False
         try:
+            _refuse_other(self.path)
             self._file = self.path.open("wb")
         except OSError as error:
             raise InputError(f"{path}: the log cannot be written there ({error.strerror}); name another file") from None
@@ -141,6 +143,16 @@ class RunLog:
     def __exit__(self, *_: object) -> None:
         """Finish the file."""
         self.close()
+
+
+def _refuse_other(path: Path) -> None:
+    """Refuse to overwrite a recording, a controller or whatever else stands there that nobody can bring back."""
+    if not path.is_file():
+        return
+    with path.open("rb") as file:
+        begins = file.read(len(_MAGIC))
+    if not _MAGIC.startswith(begins):
+        raise InputError(f"{path}: is there and is no log, so it is not overwritten; name another file")
 
 
 def read_log(path: str | Path) -> Log:

@@ -197,6 +197,19 @@ def test_a_log_that_can_not_be_read_or_written_is_one_sentence(path):
         RunLog(path)
 
 
+def test_only_a_log_is_overwritten(tmp_path):
+    recording = tmp_path / "console.bin"
+    recording.write_bytes(b"\0\x03of a run\0")
+    with pytest.raises(InputError, match="is no log, so it is not overwritten"):
+        RunLog(recording)
+    assert recording.read_bytes() == b"\0\x03of a run\0"
+    for _ in range(2):
+        RunLog(tmp_path / "x.mcap").close()
+    (tmp_path / "empty").touch()
+    RunLog(tmp_path / "empty").close()
+    assert (tmp_path / "empty").read_bytes() == (tmp_path / "x.mcap").read_bytes()
+
+
 # replay
 
 
