@@ -187,7 +187,6 @@ class ServoBus(ABC):
         if behind and order[first_silent] not in self._silent:
             self._silent.add(order[first_silent])
             replies |= self._sync_read_once(behind, address, length)
-        self._silent -= {servo for servo, reply in replies.items() if reply.status != "missing"}
         return {servo: replies[servo] for servo in servos}
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> bool:
@@ -295,6 +294,7 @@ class ServoBus(ABC):
                     port.strays += len(packet)
                 elif reply.id in servos and reply.id not in replies:
                     replies[reply.id] = reply
+                    self._silent.discard(reply.id)
                     if reply.id == servos[-1]:
                         break  # replies come in the order of the question: who has not answered by now will not
             elif result == "corrupt":

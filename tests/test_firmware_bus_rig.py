@@ -8,6 +8,7 @@ from runtime_shim import Bus
 from two_masters import HostBus
 
 from controller import load_rig, registers
+from controller.families import FAMILIES
 from deploy.connection import connect_virtual
 from deploy.servo_bus import BusError
 from deploy.virtual import dynamixel2 as dxl
@@ -133,6 +134,12 @@ def test_every_question_leaves_when_the_hosts_does(runtime, name, faults):
     told, asked = _firmware_run(runtime, rig, faults, 40)
     assert asked == host_asked  # to the nanosecond: a byte takes whole microseconds
     assert told == host
+
+
+def test_the_time_of_bytes_on_the_line_is_exact_at_every_rate():
+    rates = {rate for family in FAMILIES.values() for rate in family.bauds.values()}
+    assert {57_600, 1_000_000, 4_500_000} <= rates
+    assert all(rate % 100 == 0 for rate in rates)
 
 
 @pytest.mark.parametrize("baud", [57_600, 115_200])

@@ -56,7 +56,7 @@ static int32_t sv_seal(const sv_rig* rig, uint8_t* frame, uint8_t id, uint8_t in
 // Send the parameters that end at `end`; return whether the packet went out.
 static int32_t sv_send(sv_bus* bus, uint8_t id, uint8_t instruction, int32_t end) {
   bus->nframe = sv_seal(SV_RIG(bus), bus->frame, id, instruction, end);
-  return bus->nframe > 0 && sv_bus_send(bus);
+  return sv_bus_send(bus);
 }
 
 int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size, const uint8_t* data, uint8_t* frame) {
@@ -100,7 +100,6 @@ static int32_t sv_ask(sv_bus* bus, int32_t joint, uint8_t instruction, int32_t e
 
 int32_t sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model) {
   uint8_t data[SV_PONG_SIZE2] = {0};
-  bus->echoed = 0;
   const int32_t size = sv_is_dynamixel(SV_RIG(bus)) ? SV_PONG_SIZE2 : 0;
   int32_t status = sv_ask(bus, joint, SV_PING2, sv_parameters(SV_RIG(bus)), size, size, data);
   if (!sv_is_dynamixel(SV_RIG(bus)) && (status != SV_REPLY_MISSING || bus->echoed)) {
@@ -111,17 +110,15 @@ int32_t sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model) {
   return status;
 }
 
-// Read a block of which `size` bytes are wanted and perhaps a few more asked for.
-static int32_t sv_read(sv_bus* bus, int32_t joint, int32_t address, int32_t asked, int32_t size, uint8_t* data) {
-  const int32_t end = sv_put_block(SV_RIG(bus), bus->frame, address, asked);
-  return sv_ask(bus, joint, SV_READ2, end, asked, size, data);
-}
-
 int32_t sv_bus_read(sv_bus* bus, int32_t joint, int32_t address, int32_t size, uint8_t* data) {
-  const int32_t asked = sv_bus_unlike_late(bus, size);
-  const int32_t status = sv_read(bus, joint, address, asked, size, data);
-  // where it is refused, there may be nothing behind the block
-  return status == SV_REPLY_REFUSED && asked != size ? sv_read(bus, joint, address, size, size, data) : status;
+  for (int32_t asked = sv_bus_unlike_late(bus, size);; asked = size) {
+    const int32_t end = sv_put_block(SV_RIG(bus), bus->frame, address, asked);
+    const int32_t status = sv_ask(bus, joint, SV_READ2, end, asked, size, data);
+    // where it is refused, there may be nothing behind the block
+    if (status != SV_REPLY_REFUSED || asked == size) {
+      return status;
+    }
+  }
 }
 
 int32_t sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t* data, int32_t size) {
@@ -129,15 +126,15 @@ int32_t sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t*
   return sv_ask(bus, joint, SV_WRITE2, sv_put_bytes(bus->frame, begin, data, size), 0, 0, 0);
 }
 
-// Ask several joints for as many bytes as are wanted, and perhaps a few more.
-static void sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address) {
+// Ask several joints for as many bytes as are wanted, and perhaps a few more; return as sv_bus_receive does.
+static int32_t sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address) {
   asked->size = sv_bus_unlike_late(bus, asked->wanted);
   int32_t at = sv_put_block(SV_RIG(bus), bus->frame, address, asked->size);
   for (int32_t i = 0; i < asked->n; i++) {
-    at = sv_put_bytes(bus->frame, at, &SV_RIG(bus)->joints[asked->joints[i]].id, 1);
+    bus->frame[at++] = SV_RIG(bus)->joints[asked->joints[i]].id;
   }
   const int32_t fast = SV_FAST_SYNC_READ(SV_RIG(bus)) && asked->fast;
-  sv_bus_receive(bus, asked, sv_send(bus, SV_PACKET2_BROADCAST, fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at));
+  return sv_bus_receive(bus, asked, sv_send(bus, SV_PACKET2_BROADCAST, fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at));
 }
 
 // Return which joints' replies are missing, a bit each.
@@ -149,65 +146,61 @@ static uint32_t sv_missing(const sv_bus* bus, const sv_reply* replies) {
   return missing;
 }
 
+// Append the joints of a set to a list of n; return how many it has then.
+static int32_t sv_list(uint32_t joints, uint8_t* list, int32_t n) {
+  for (int32_t joint = 0; joint < SV_JOINT_MAX; joint++) {
+    if ((joints >> joint & 1U) != 0) {
+      list[n++] = (uint8_t)joint;
+    }
+  }
+  return n;
+}
+
+static uint32_t sv_all(const sv_bus* bus) { return (UINT32_C(1) << SV_RIG(bus)->njoint) - 1U; }
+
 // Ask one by one in one question. Servos answer in its order, each after the one before it, so a silent one silences
 // all behind it: they are asked once more without it, and from then on it is asked last, where it keeps nobody waiting.
 static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, int32_t size, sv_reply* replies,
                                  uint8_t* data) {
   uint8_t order[SV_JOINT_MAX];
-  sv_asked asked = {order, 0, size, size, 0, replies, data, 0};
-  for (uint32_t silent = 0; silent <= 1; silent++) {
-    for (int32_t joint = 0; joint < SV_RIG(bus)->njoint; joint++) {
-      if ((joints >> joint & 1U) != 0 && (bus->silent >> joint & 1U) == silent) {
-        order[asked.n++] = (uint8_t)joint;
-      }
-    }
-  }
-  sv_sync_read_once(bus, &asked, address);
-  int32_t answered = asked.n;
-  while (answered > 0 && replies[order[answered - 1]].status == SV_REPLY_MISSING) {
-    answered--;
-  }
-  const int32_t behind = asked.n - answered - 1;
-  if (behind > 0 && (bus->silent >> order[answered] & 1U) == 0) {
-    bus->silent |= UINT32_C(1) << order[answered];
-    asked.joints = order + answered + 1;
-    asked.n = behind;
-    sv_sync_read_once(bus, &asked, address);
+  const int32_t first = sv_list(joints & ~bus->silent, order, 0);
+  const int32_t n = sv_list(joints & bus->silent, order, first);
+  sv_asked asked = {order, n, size, size, 0, replies, data, 0};
+  const int32_t heard = sv_sync_read_once(bus, &asked, address);
+  if (heard < first && heard + 1 < n) {
+    bus->silent |= UINT32_C(1) << order[heard];
+    asked.joints = order + heard + 1;
+    asked.n = n - heard - 1;
+    (void)sv_sync_read_once(bus, &asked, address);
   }
 }
 
 // Ask for one packet of all: none comes where one servo is silent. Return who is missing, a bit each.
 static uint32_t sv_sync_read_fast(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
   uint8_t order[SV_JOINT_MAX];
-  sv_asked all = {order, SV_RIG(bus)->njoint, size + SV_LENGTHS - 1, size, 0, replies, data, 1};
-  for (int32_t joint = 0; joint < all.n; joint++) {
-    order[joint] = (uint8_t)joint;
-  }
+  const int32_t n = sv_list(sv_all(bus), order, 0);
+  sv_asked all = {order, n, size + SV_LENGTHS - 1, size, 0, replies, data, 1};
   if (sv_bus_fast_size(&all) > (int32_t)sizeof bus->received) {
-    return UINT32_MAX;
+    return sv_all(bus);
   }
-  sv_sync_read_once(bus, &all, address);
+  (void)sv_sync_read_once(bus, &all, address);
   return sv_missing(bus, replies);
 }
 
 void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
-  uint32_t joints = UINT32_MAX;
+  uint32_t joints = sv_all(bus);
   if (SV_FAST_SYNC_READ(SV_RIG(bus)) && bus->whole) {
     joints = sv_sync_read_fast(bus, address, size, replies, data);
   }
   if (joints != 0) {
     sv_sync_read_in_turn(bus, joints, address, size, replies, data);
   }
-  const uint32_t missing = sv_missing(bus, replies);
-  bus->silent &= missing;
-  bus->whole = missing == 0;
+  bus->whole = SV_FAST_SYNC_READ(SV_RIG(bus)) && sv_missing(bus, replies) == 0;
 }
 
 void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t* data) {
   bus->nframe = sv_bus_sync_write_frame(SV_RIG(bus), address, size, data, bus->frame);
-  if (bus->nframe > 0) {
-    sv_bus_send(bus);
-  }
+  (void)sv_bus_send(bus);
 }
 
 int32_t sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count) {

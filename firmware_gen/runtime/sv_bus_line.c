@@ -3,28 +3,16 @@
 #include "sv_hal.h"
 #include "sv_time.h"
 
-#define SV_BITS_PER_BYTE 10U
 #define SV_WAIT_US_MAX 50000U    // the watchdog is fed as often
 #define SV_NBYTE_MAX 16384       // of one stretch in which the line is busy
 #define SV_FLUSH_MAX 256         // reads that a flush may take: no babbling line holds it up
 #define SV_OVERDUE_US_MAX 2000U  // how long after its deadline a transaction may still take what waits
 
-// Return how long bytes are on the line [us], rounded up; 1e7 * nbyte / baud in 32 bits.
+// Return how long up to 40,000 bytes of 10 bits are on the line [us], rounded up: every rate is a multiple of 100
+// bit/s.
 static uint32_t sv_line_us(const sv_bus* bus, int32_t nbyte) {
-  const uint32_t baud = (uint32_t)SV_RIG(bus)->baud;
-  const uint32_t whole = SV_BITS_PER_BYTE * 1000000U / baud;
-  const uint32_t part = SV_BITS_PER_BYTE * 1000000U % baud;
-  uint32_t us = 0;
-  uint32_t rest = 0;
-  for (int32_t bit = 16; bit >= 0; bit--) {
-    us = 2 * us + (2 * rest >= baud);
-    rest = 2 * rest >= baud ? 2 * rest - baud : 2 * rest;
-    if (nbyte >> bit & 1) {
-      us += whole + (rest + part >= baud);
-      rest = rest + part >= baud ? rest + part - baud : rest + part;
-    }
-  }
-  return us + (rest > 0);
+  const uint32_t rate = (uint32_t)SV_RIG(bus)->baud / 100U;
+  return ((uint32_t)nbyte * 100000U + rate - 1U) / rate;
 }
 
 // Forget the bytes that have left the line: what follows is on it from now on.
@@ -51,7 +39,7 @@ static void sv_flush(sv_bus* bus) {
 int32_t sv_bus_send(sv_bus* bus) {
   sv_flush(bus);
   const uint32_t begin_us = sv_hal_now_us();
-  if (sv_hal_write(SV_LINE_BUS, bus->frame, bus->nframe) != bus->nframe) {
+  if (bus->nframe == 0 || sv_hal_write(SV_LINE_BUS, bus->frame, bus->nframe) != bus->nframe) {
     return 0;
   }
   bus->nbyte += (uint32_t)bus->nframe;

@@ -11,7 +11,8 @@
 extern "C" {
 #endif
 
-// Send the frame, once what waits has been dropped: it answers nothing that is asked now. Return whether it went out.
+// Send the frame, if it did fit, once what waits has been dropped: it answers nothing that is asked now. Return whether
+// it went out.
 int32_t sv_bus_send(sv_bus* bus);
 
 // Set the deadline of replies to what has just been sent, of `nbyte` bytes together.

@@ -69,7 +69,7 @@ static int32_t sv_is_echo(sv_bus* bus, int32_t size) {
 }
 
 // Hear what a servo says, joint -1: nobody's; return whether it answers the question.
-static int32_t sv_hear(const sv_bus* bus, const sv_asked* asked, int32_t joint, uint8_t error, const uint8_t* data,
+static int32_t sv_hear(sv_bus* bus, const sv_asked* asked, int32_t joint, uint8_t error, const uint8_t* data,
                        int32_t ndata) {
   // a Feetech servo's error says how it is, and nothing of the question
   const int32_t refused = sv_is_dynamixel(bus) && (error & ~SV_ALERT2) != 0;
@@ -79,6 +79,7 @@ static int32_t sv_hear(const sv_bus* bus, const sv_asked* asked, int32_t joint, 
   if (joint >= 0) {
     const sv_reply reply = {refused ? SV_REPLY_REFUSED : SV_REPLY_DATA, error, 0, sv_hal_now_us()};
     *sv_place(asked, joint) = reply;
+    bus->silent &= ~(UINT32_C(1) << joint);
     for (int32_t i = 0; i < asked->wanted && !refused; i++) {
       asked->data[(joint - asked->first) * asked->wanted + i] = data[i];
     }
@@ -175,17 +176,17 @@ int32_t sv_bus_fast_size(const sv_asked* asked) {
   return SV_PACKET2_PARAMETERS + asked->n * (asked->size + SV_AROUND_PART);
 }
 
-void sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t sent) {
+int32_t sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t sent) {
   for (int32_t i = 0; i < asked->n; i++) {
     const sv_reply none = {SV_REPLY_MISSING, 0, 0, sv_hal_now_us()};
     *sv_place(asked, asked->joints[i]) = none;
   }
+  bus->echoed = 0;
   if (!sent) {
-    return;
+    return 0;
   }
   const int32_t around = sv_is_dynamixel(bus) ? SV_PACKET2_STATUS + SV_STUFFING : SV_PACKET1_STATUS;
   int32_t corrupt = 0;
-  bus->echoed = 0;
   if (SV_FAST_SYNC_READ(SV_RIG(bus)) && asked->fast) {
     sv_bus_expect(bus, sv_bus_fast_size(asked), asked->n);
     sv_collect_fast(bus, asked, &corrupt);
@@ -195,6 +196,7 @@ void sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t sent) {
   }
   // what was read and not used was part of a transaction that is over
   bus->nreceived = 0;
+  int32_t heard = 0;
   for (int32_t i = 0; i < asked->n; i++) {
     const int32_t joint = asked->joints[i];
     sv_reply* reply = sv_place(asked, joint);
@@ -204,6 +206,8 @@ void sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t sent) {
       reply->t_us = sv_hal_now_us();
       sv_bus_remember_late(bus, asked->size);
     }
+    heard = reply->status == SV_REPLY_MISSING ? heard : i + 1;
     bus->strays_seen[joint] = bus->strays;
   }
+  return heard;
 }

@@ -26,8 +26,9 @@ typedef struct {
 // Return how many bytes an answer to a fast sync read has.
 int32_t sv_bus_fast_size(const sv_asked* asked);
 
-// Collect the replies to a question, if it was sent, until all, the last one, or the deadline.
-void sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t sent);
+// Collect the replies to a question, if it was sent, until all, the last one, or the deadline; return how many of
+// the joints, in the order of the question, there are up to the last that was heard.
+int32_t sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t sent);
 
 #ifdef __cplusplus
 }
