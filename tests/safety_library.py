@@ -2,7 +2,7 @@
 
 import ctypes
 import subprocess
-from ctypes import byref, c_float, c_int32, c_uint8, c_uint32, c_void_p
+from ctypes import byref, c_int32, c_uint8, c_uint32
 from pathlib import Path
 
 from firmware_gen.projects.rig_config import rig_header, rig_source
@@ -27,7 +27,7 @@ class _Joint(ctypes.Structure):
         *((name, c_int32) for name in ("missed", "poor", "alerted", "jumped", "hot", "low")),
         ("seen", c_uint8),
         ("off_track", c_uint8),
-        ("believed_rad", c_float),
+        ("believed", c_int32),
         ("believed_us", c_uint32),
         ("off_track_us", c_uint32),
     )
@@ -56,7 +56,6 @@ class Judges:
         self._watch = _Watch()
         for name in ("sv_judge_sensors", "sv_judge_encoders", "sv_judge_tracking", "sv_judge_speeds"):
             getattr(self._lib, name).restype = c_int32
-        self._lib.sv_judge_tilt.argtypes = (c_void_p, c_void_p, c_float, c_float)
         self.start()
 
     def start(self):

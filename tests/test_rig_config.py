@@ -86,10 +86,10 @@ def test_there_are_rigs_of_both_protocols():
 
 
 def test_the_line_the_schedule_and_the_limits_are_the_rigs(built):
-    rig, controller, data, _ = built
+    rig, _, data, _ = built
     assert data.protocol == ("dynamixel-2.0", "feetech-sts").index(rig.bus.protocol)
     assert (data.baud, data.return_delay_us) == (rig.bus.baud, rig.bus.return_delay_us)
-    assert data.period_us == round(1e6 * rig.period_s) and data.slew_rad_s == single(controller.slew_rad_s)
+    assert data.period_us == round(1e6 * rig.period_s)
     assert data.velocity_mode == (rig.joints[0].mode == "velocity") and not data.fast_sync_read
     assert data.homing_periods_max == math.ceil(10.0 / rig.period_s)
 
@@ -105,8 +105,8 @@ def test_the_line_the_schedule_and_the_limits_are_the_rigs(built):
     assert safety.tracking_rad_max == single(limits.tracking_rad_max)
     assert safety.tracking_us_max == round(1e6 * limits.tracking_s_max)
     assert (safety.missed_max, safety.overrun_max) == (limits.missed_cycles_max, limits.overrun_cycles_max)
-    assert safety.temperature_max == single(limits.temperature_c_max)
-    assert safety.voltage_low == single(limits.voltage_low_v) and safety.tilt_rad_max == single(limits.tilt_rad_max)
+    assert safety.temperature_max <= limits.temperature_c_max < safety.temperature_max + 1
+    assert safety.tilt_cosine_min == single(math.cos(limits.tilt_rad_max))
     assert safety.watchdog_us == round(1e6 * limits.watchdog_s) and safety.watchdog_count * 20_000 == safety.watchdog_us
 
 
@@ -124,7 +124,6 @@ def test_every_joint_is_the_rigs(built):
         if velocity:
             assert told.goal_high == abs(speed_count(joint, joint.speed_rad_s_max))
             the_axis_is_the_joints(data.axes[number], joint)
-        assert servo.no_load_speed == single(joint.product.no_load_speed_rad_s)
         assert servo.rest_count == max(1, round(0.06 / joint.product.velocity_unit_rad_s))
         assert servo.ceiling_count == joint.ceiling
         roles = {
@@ -143,7 +142,9 @@ def test_every_joint_is_the_rigs(built):
         assert {role: register_of(getattr(servo, role)) for role in roles} == {
             role: named(joint, name) for role, name in roles.items()
         }
-        assert servo.voltage_scale == single(registers(joint.product)[family.voltage].scale)
+        volts = registers(joint.product)[family.voltage].scale
+        least, less = (round(count * volts, 6) for count in (servo.voltage_low, servo.voltage_low - 1))
+        assert less < rig.safety.voltage_low_v <= least
         assert [bit for bit in range(8) if servo.error_bits >> bit & 1] == sorted(family.error_bits)
     assert bool(data.axes) == velocity
 
@@ -166,6 +167,23 @@ def test_joints_share_their_servo_where_all_is_the_same():
     assert servo_kinds(same) == (0, 0, 0)
     weaker = replace(same, joints=(first, replace(others[0], ceiling=others[0].ceiling - 1), *others[1:]))
     assert servo_kinds(weaker) == (0, 1, 0)
+
+
+def test_what_a_joint_may_do_is_the_host_loops_in_counts(built):
+    rig, controller, data, _ = built
+    for joint, (_, told) in zip(rig.joints, servos_of(data), strict=True):
+        angle = abs(joint_angle(joint, joint.zero_tick + 1))
+        assert told.jump_counts * angle == pytest.approx(0.2)
+        assert 1e6 * told.counts_per_us * angle == pytest.approx(1.2 * joint.product.no_load_speed_rad_s)
+        assert told.tracking_counts * angle <= rig.safety.tracking_rad_max < (told.tracking_counts + 1) * angle
+        unit = angle if joint.mode == "position" else abs(joint_speed(joint, 1))
+        slewed = 1.001 * (controller.slew_rad_s * rig.period_s + unit)
+        assert told.slew_counts * unit <= slewed < (told.slew_counts + 1) * unit
+        homed = 1.001 * (rig.safety.homing_rad_s * rig.period_s + unit)
+        if joint.mode == "velocity":
+            assert told.homing_counts == 2**32 - 1  # any: nothing bounds its rate then
+        else:
+            assert told.homing_counts * unit <= homed < (told.homing_counts + 1) * unit
 
 
 def test_the_blocks_of_the_check_are_the_host_loops(built):

@@ -14,8 +14,9 @@ from typing import Final, Literal
 
 from controller.registers import registers
 from controller.rig import Joint, Rig
+from controller.terminals import joint_scale
 from deploy.dynamixel_bus import ERROR_NUMBERS
-from deploy.joint_counts import speed_count
+from deploy.joint_counts import joint_angle
 from deploy.safety import (
     Watch,
     judge_encoders,
@@ -213,13 +214,13 @@ def _jumped(why: Why, rig: Rig, _: str) -> str | None:
     joint = rig.joints[why.joint]
     watch = Watch(believed={joint.name: (0.0, 0.0)}, jumped={joint.name: _LASTING})
     replies = {other.id: Reply(other.id, "data" if other is joint else "missing", b"", 0, 0.0) for other in rig.joints}
-    angles = [1e-3 * why.a] * len(rig.joints)
+    angles = [abs(joint_scale(joint)) * why.a] * len(rig.joints)
     return judge_encoders(rig, watch, 0.0, 1e-6 * why.b, replies, angles)
 
 
 def _off_track(why: Why, rig: Rig, _: str) -> str | None:
     goals = [0.0] * len(rig.joints)
-    goals[why.joint] = 1e-3 * why.a
+    goals[why.joint] = joint_scale(rig.joints[why.joint]) * why.a
     watch = Watch(off_track_since={rig.joints[why.joint].name: 0.0})
     return judge_tracking(rig, watch, 1e-6 * why.b, goals, [0.0] * len(rig.joints))
 
@@ -230,11 +231,26 @@ def _speeds(why: Why, rig: Rig, _: str) -> str | None:
     joint = rig.joints[why.joint]
     since_s = rig.safety.tracking_s_max + rig.period_s  # it is told as soon as it has lasted for too long
     if why.reason == Reason.OUTSIDE:
-        angles[why.joint] = 1e-3 * why.a
+        angles[why.joint] = joint_angle(joint, why.a)
     else:
-        speeds[why.joint], goals[why.joint] = (speed_count(joint, 1e-3 * speed) for speed in (why.a, why.b))
+        speeds[why.joint], goals[why.joint] = why.a, why.b
     watch = Watch(off_track_since={joint.name: 0.0})
     return judge_speeds(rig, watch, since_s, goals, speeds, angles)
+
+
+def _tilted(why: Why, rig: Rig, _: str) -> str | None:
+    sensors = {sensor.name: sensor for sensor in rig.sensors}
+    if not {"roll", "pitch"} <= sensors.keys():
+        return None
+    roll, pitch = sensors["roll"], sensors["pitch"]
+    angles = ((why.a - roll.zero) * roll.scale, (why.b - pitch.zero) * pitch.scale)
+    return judge_tilt(rig, Watch(tilted=_LASTING), *angles)
+
+
+def _low(why: Why, rig: Rig, _: str) -> str | None:
+    joint = rig.joints[why.joint]
+    volts = round(why.a * registers(joint.product)[joint.family.voltage].scale, 6)
+    return judge_health(rig, Watch(low={joint.id: _LASTING}), joint, volts, -math.inf)
 
 
 def _setting(why: Why, rig: Rig, label: str) -> str:
@@ -289,13 +305,11 @@ _FAULTS: Final[Mapping[Reason, Callable[[Why, Rig, str], str | None]]] = Mapping
         Reason.TRACKING: _off_track,
         Reason.OUTSIDE: _speeds,
         Reason.BLOCKED: _speeds,
-        Reason.TILT: lambda why, rig, _: judge_tilt(rig, Watch(tilted=_LASTING), 1e-3 * why.a, 0.0),
+        Reason.TILT: _tilted,
         Reason.HOT: lambda why, rig, _: judge_health(
             rig, Watch(hot={rig.joints[why.joint].id: _LASTING}), rig.joints[why.joint], math.inf, why.a
         ),
-        Reason.LOW: lambda why, rig, _: judge_health(
-            rig, Watch(low={rig.joints[why.joint].id: _LASTING}), rig.joints[why.joint], 1e-3 * why.a, -math.inf
-        ),
+        Reason.LOW: _low,
         Reason.OVERRUN: lambda why, rig, _: judge_timing(rig, Watch(overruns=why.a - 1), True),
         Reason.WATCHDOG: _watchdog,
         Reason.LIMIT: _last_look,

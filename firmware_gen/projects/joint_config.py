@@ -8,11 +8,13 @@ from typing import Final
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.terminals import joint_scale
+from firmware_gen.projects.joint_limits import jump_counts, step_counts, tracking_counts
 from firmware_gen.projects.plain import plain
 from firmware_gen.projects.rig_rows import (
     CheckRow,
     check_rows,
     count_limits,
+    lowest_voltage,
     place_limits,
     setting_counts,
     table_blocks,
@@ -24,17 +26,18 @@ _FAR_RAD: Final = 3.4e38
 """What C has for an infinite angle."""
 
 
-def joint_lines(rig: Rig) -> list[str]:
+def joint_lines(rig: Rig, slew_rad_s: float) -> list[str]:
     """Write the joints of a rig and its servos, with what their registers must hold and what is written to them.
 
     Args:
         rig: the rig
+        slew_rad_s: of the controller, 0: none [rad/s]
     """
     kinds = servo_kinds(rig)
     servos = [rig.joints[kinds.index(kind)] for kind in range(max(kinds) + 1)]
     lines = [line for kind, joint in enumerate(servos) for line in _servo_tables(kind, rig, joint)]
     lines += ["static const sv_servo servos[] = {"]
-    lines += [line for kind, joint in enumerate(servos) for line in _servo(kind, rig, joint)]
+    lines += [line for kind, joint in enumerate(servos) for line in _servo(kind, rig, slew_rad_s, joint)]
     lines += ["};", "", "static const sv_joint joints[] = {"]
     lines += [line for joint, kind in zip(rig.joints, kinds, strict=True) for line in _joint(joint, kind)]
     lines += ["};", ""]
@@ -49,7 +52,7 @@ def servo_kinds(rig: Rig) -> tuple[int, ...]:
     Args:
         rig: the rig
     """
-    texts = [(*_servo_tables(0, rig, joint), *_servo(0, rig, joint)) for joint in rig.joints]
+    texts = [(*_servo_tables(0, rig, joint), *_servo(0, rig, 0.0, joint)) for joint in rig.joints]
     different = list(dict.fromkeys(texts))
     return tuple(different.index(text) for text in texts)
 
@@ -75,8 +78,10 @@ def _check(row: CheckRow) -> str:
     return f"{{{register_c(row.register)}, {row.low}, {row.high}, {mask}, SV_FINDING_{row.kind}}}"
 
 
-def _servo(kind: int, rig: Rig, joint: Joint) -> list[str]:
+def _servo(kind: int, rig: Rig, slew_rad_s: float, joint: Joint) -> list[str]:
     family, table = joint.family, registers(joint.product)
+    jump, turn = jump_counts(joint)
+    homing_rad_s = 0.0 if joint.mode == "velocity" else rig.safety.homing_rad_s
 
     def line(name: str | None) -> str:
         return register_c(None if name is None else table[name])
@@ -86,8 +91,12 @@ def _servo(kind: int, rig: Rig, joint: Joint) -> list[str]:
         [
             ("model", joint.product.model_number),
             ("error_bits", f"0x{sum(1 << bit for bit in family.error_bits):02x}"),
-            ("no_load_speed", float_c(joint.product.no_load_speed_rad_s)),
-            ("voltage_scale", float_c(table[family.voltage].scale)),
+            ("jump_counts", float_c(jump)),
+            ("counts_per_us", float_c(turn)),
+            ("tracking_counts", tracking_counts(rig, joint)),
+            ("slew_counts", f"{step_counts(rig, joint, slew_rad_s)}U"),
+            ("homing_counts", f"{step_counts(rig, joint, homing_rad_s)}U"),
+            ("voltage_low", lowest_voltage(rig, joint)),
             ("rest_count", max(1, round(_REST_SPEED_RAD_S / joint.product.velocity_unit_rad_s))),
             ("ceiling_count", joint.ceiling),
             ("position", line(family.position)),

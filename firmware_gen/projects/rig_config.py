@@ -139,7 +139,7 @@ def rig_source(rig: Rig, controller: Controller, fast_sync_read: bool = False) -
         "",
         *_cycle(spec),
     ]
-    lines += joint_lines(rig)
+    lines += joint_lines(rig, controller.slew_rad_s)
     if rig.sensors:
         lines += ["static const sv_message messages[] = {"]
         lines += row_lines(_message(rig, letter) for letter in message_letters(rig))
@@ -153,7 +153,7 @@ def rig_source(rig: Rig, controller: Controller, fast_sync_read: bool = False) -
 
 def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
     places = {sensor.name: number for number, sensor in enumerate(rig.sensors)}
-    tilt = {"roll", "pitch"} <= places.keys()
+    tilt = {"roll", "pitch"} <= places.keys() and rig.safety.tilt_rad_max > 0.0
     return [
         "const sv_rig servolve_rig = {",
         *field_lines(
@@ -166,7 +166,6 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
                 ("fast_sync_read", int(fast_sync_read)),
                 ("period_us", microseconds(rig.period_s)),
                 ("homing_periods_max", math.ceil(_REST_S_MAX / rig.period_s)),
-                ("slew_rad_s", float_c(controller.slew_rad_s)),
                 ("njoint", "SERVOLVE_NJOINT"),
                 ("joints", "joints"),
                 ("servos", "servos"),
@@ -201,9 +200,8 @@ def _safety(safety: Safety) -> str:
         ("tracking_rad_max", float_c(safety.tracking_rad_max)),
         ("tracking_us_max", microseconds(safety.tracking_s_max)),
         ("missed_max", safety.missed_cycles_max),
-        ("temperature_max", float_c(safety.temperature_c_max)),
-        ("voltage_low", float_c(safety.voltage_low_v)),
-        ("tilt_rad_max", float_c(safety.tilt_rad_max)),
+        ("temperature_max", math.floor(safety.temperature_c_max)),
+        ("tilt_cosine_min", float_c(math.cos(safety.tilt_rad_max))),
         ("overrun_max", safety.overrun_cycles_max),
         ("watchdog_us", microseconds(safety.watchdog_s)),
         ("watchdog_count", round(safety.watchdog_s / _WATCHDOG_UNIT_S)),

@@ -131,6 +131,17 @@ def place_limits(joint: Joint) -> tuple[int, int]:
     return lowest, highest
 
 
+def lowest_voltage(rig: Rig, joint: Joint) -> int:
+    """Return the least count of a servo's voltage that is not too low.
+
+    Args:
+        rig: the rig
+        joint: the servo's joint
+    """
+    scale, low_v = registers(joint.product)[joint.family.voltage].scale, rig.safety.voltage_low_v
+    return _first(lambda count: round(count * scale, 6) >= low_v, low_v / scale)
+
+
 def _block(lines: list[Register]) -> tuple[int, int]:
     first, last = lines[0], lines[-1]
     return first.address, last.address + last.size - first.address
@@ -181,10 +192,9 @@ def _state_rows(rig: Rig, joint: Joint) -> Iterator[CheckRow]:
     """Yield how it must be."""
     family, table = joint.family, registers(joint.product)
     voltage, scale = table[family.voltage], table[family.voltage].scale
-    low_v, high_v = rig.safety.voltage_low_v, _OVERVOLTAGE * rig.supply_v
-    lowest = _first(lambda count: count * scale >= low_v, low_v / scale)
+    high_v = _OVERVOLTAGE * rig.supply_v
     highest = _first(lambda count: count * scale > high_v, high_v / scale) - 1
-    yield CheckRow(voltage, lowest, highest, "VOLTAGE")
+    yield CheckRow(voltage, lowest_voltage(rig, joint), highest, "VOLTAGE")
     yield CheckRow(table[family.temperature], LOWEST, math.floor(rig.safety.temperature_c_max), "TEMPERATURE")
     if not joint.unlimited:
         yield CheckRow(table[family.position], LOWEST, HIGHEST, "POSITION")

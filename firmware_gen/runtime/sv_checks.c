@@ -176,14 +176,14 @@ static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
   }
   for (int32_t i = 0; i < rig->nsensor; i++) {
     const int32_t age_us = sv_lines_age_us(&robot->lines, SV_RIG(robot), i, sv_hal_now_us());
-    const int32_t age_us_max = rig->sensors[i].age_us_max;
-    if (age_us >= 0 && age_us <= age_us_max) {
+    const sv_sensor* sensor = rig->sensors + i;
+    if (sv_is_fresh(sensor, age_us)) {
       continue;
     }
-    if (rig->sensors[i].needed) {
-      sv_find(robot, findings, SV_FINDING_SENSOR, i, 0, age_us, 0, age_us_max);
+    if (sensor->needed) {
+      sv_find(robot, findings, SV_FINDING_SENSOR, i, 0, age_us, 0, sensor->age_us_max);
     } else {
-      sv_log_finding(robot, SV_WARNING, SV_FINDING_SENSOR, i, 0, age_us, 0, age_us_max);
+      sv_log_finding(robot, SV_WARNING, SV_FINDING_SENSOR, i, 0, age_us, 0, sensor->age_us_max);
     }
   }
 }

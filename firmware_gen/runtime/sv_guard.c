@@ -45,21 +45,15 @@ static int32_t sv_tracking(sv_robot* robot) {
              : sv_judge_tracking(rig, &robot->watch, now_us, robot->goals, robot->raw);
 }
 
-static float sv_sensor_value(const sv_robot* robot, int32_t sensor) {
-  const sv_sensor* line = SV_RIG(robot)->sensors + sensor;
-  return (float)(robot->raw[3 * SV_RIG(robot)->njoint + sensor] - line->zero) * line->scale;
-}
-
 // Judge how the base stands; an old pose says nothing about now.
 static int32_t sv_tilt(sv_robot* robot, const int32_t* ages_us) {
   const sv_rig* rig = SV_RIG(robot);
-  const int32_t places[2] = {rig->roll, rig->pitch};
-  for (int32_t i = 0; i < 2; i++) {
-    if (places[i] < 0 || ages_us[places[i]] < 0 || ages_us[places[i]] > rig->sensors[places[i]].age_us_max) {
-      return 0;
-    }
+  const int32_t* raw = robot->raw + 3 * rig->njoint;
+  if (rig->roll < 0 || !sv_is_fresh(rig->sensors + rig->roll, ages_us[rig->roll]) ||
+      !sv_is_fresh(rig->sensors + rig->pitch, ages_us[rig->pitch])) {
+    return 0;
   }
-  return sv_judge_tilt(rig, &robot->watch, sv_sensor_value(robot, rig->roll), sv_sensor_value(robot, rig->pitch));
+  return sv_judge_tilt(rig, &robot->watch, raw[rig->roll], raw[rig->pitch]);
 }
 
 int32_t sv_judge_period(sv_robot* robot) {

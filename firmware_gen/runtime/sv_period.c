@@ -36,31 +36,6 @@ int32_t sv_heed_stop(sv_robot* robot) {
 
 int32_t sv_end(sv_robot* robot, int32_t reason) { return sv_because(&robot->watch, reason, SV_NOBODY, 0, 0); }
 
-// Take a last look at limits and rate, which those who aim should have kept.
-static int32_t sv_refuse(sv_robot* robot, const int32_t* goals) {
-  const sv_rig* rig = SV_RIG(robot);
-  const float homing = SV_VELOCITY_MODE(rig) ? 0.0F : rig->safety.homing_rad_s;
-  const float rate = robot->state == SV_STATE_RUNNING ? rig->slew_rad_s : homing;
-  for (int32_t i = 0; i < rig->njoint; i++) {
-    const sv_joint* joint = rig->joints + i;
-    const int32_t last = robot->goals[i];
-    if (goals[i] < joint->goal_low || goals[i] > joint->goal_high) {
-      return sv_because(&robot->watch, SV_REASON_LIMIT, i, goals[i], 0);
-    }
-    if (SV_VELOCITY_MODE(rig) && !rig->axes[i].unlimited && (goals[i] == 0 || last == 0)) {
-      continue;  // near an end of its travel a joint is stopped at once, and let go at once
-    }
-    const float scale = SV_VELOCITY_MODE(rig) ? rig->axes[i].speed_scale : joint->angle_scale;
-    const float unit = scale < 0.0F ? -scale : scale;
-    const float step = (float)(goals[i] < last ? last - goals[i] : goals[i] - last) * unit;
-    const float allowed = rate * ((float)rig->period_us * 1.0e-6F) + unit;
-    if (rate > 0.0F && step > 1.001F * allowed) {
-      return sv_because(&robot->watch, SV_REASON_RATE, i, goals[i], last);
-    }
-  }
-  return 0;
-}
-
 // A period that is more than one period late makes all later ones late by whole periods: no catching up.
 static void sv_await_period(sv_robot* robot) {
   const int32_t period_us = SV_RIG(robot)->period_us;
@@ -95,7 +70,8 @@ static int32_t sv_do(sv_robot* robot, int32_t k, const sv_transaction* due, int3
       done->aimed_us = sv_hal_now_us();
       return !faulty && sv_judge_period(robot);
     case SV_WRITE_GOALS:
-      done->sent = !faulty && !sv_refuse(robot, done->aimed);
+      done->sent = !faulty && !sv_judge_goals(SV_RIG(robot), &robot->watch, robot->state == SV_STATE_RUNNING,
+                                              robot->goals, done->aimed);
       if (done->sent) {
         sv_write_goals(robot, due->block, done->aimed);
       }

@@ -13,7 +13,7 @@ typedef enum {
   SV_STATE_FAULT = 6
 } sv_state;
 
-// a and b are what the reason is about: counts, milliradians, microseconds, as its comment says.
+// a and b are what the reason is about: counts of registers and sensors, microseconds, as its comment says.
 typedef enum {
   SV_REASON_NONE = 0,
   // how a run goes on
@@ -29,21 +29,22 @@ typedef enum {
   SV_REASON_STOP_INPUT = 17,
   SV_REASON_STOP_LINE = 18,  // the sensor node sent an emergency stop
   // faults
-  SV_REASON_FINDING = 32,        // a: number of further errors; the first error's joint; the finding record says what
-  SV_REASON_SILENT = 33,         // a: periods, b: 1 if in most periods rather than in a row; joint 255: nobody answers
+  SV_REASON_FINDING = 32,  // a: number of further errors; the first error's joint; the finding record says what
+  SV_REASON_SILENT =
+      33,  // a: periods, b: error byte << 8, and 1 if in most periods rather than in a row; joint 255: nobody answers
   SV_REASON_LATE = 34,           // likewise
   SV_REASON_CORRUPT = 35,        // likewise
-  SV_REASON_REFUSED = 36,        // likewise; b: the error byte << 8 besides
+  SV_REASON_REFUSED = 36,        // likewise
   SV_REASON_HARDWARE = 37,       // a: hardware error bits, b: shutdown register, -1: unknown
   SV_REASON_NO_TORQUE = 38,      // a servo has lost its torque
   SV_REASON_STALE = 39,          // joint: number of the sensor, a: age [us], b: age allowed [us]
-  SV_REASON_JUMP = 40,           // a: by so much [mrad], b: in [us]
-  SV_REASON_TRACKING = 41,       // a: so far from the goal [mrad], b: for [us]
-  SV_REASON_OUTSIDE = 42,        // velocity mode: a: angle [mrad]
-  SV_REASON_BLOCKED = 43,        // velocity mode: a: speed [mrad/s], b: asked for [mrad/s]
-  SV_REASON_TILT = 44,           // a: tilt [mrad]
+  SV_REASON_JUMP = 40,           // a: by so much [counts], b: in [us]
+  SV_REASON_TRACKING = 41,       // a: so far from the goal [counts], b: for [us]
+  SV_REASON_OUTSIDE = 42,        // velocity mode: a: encoder [counts]
+  SV_REASON_BLOCKED = 43,        // velocity mode: a: speed [counts], b: goal [counts]
+  SV_REASON_TILT = 44,           // a: roll, b: pitch [counts of the sensors]
   SV_REASON_HOT = 45,            // a: temperature [degrees Celsius]
-  SV_REASON_LOW = 46,            // a: voltage [mV]
+  SV_REASON_LOW = 46,            // a: voltage [counts]
   SV_REASON_OVERRUN = 47,        // a: periods in a row
   SV_REASON_WATCHDOG = 48,       // the servos' bus watchdogs have tripped; a: silence [us]
   SV_REASON_NO_REST = 49,        // homing did not come to rest

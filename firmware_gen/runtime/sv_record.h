@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define SV_RECORD_FORMAT 1
+#define SV_RECORD_FORMAT 2
 #define SV_RECORD_MAX 250  // bytes before the code: type, body, CRC
 
 typedef enum {

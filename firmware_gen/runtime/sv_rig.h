@@ -52,12 +52,16 @@ typedef struct {
 
 // A servo as the rig sets it: the same for all joints that have such a one.
 typedef struct {
-  uint16_t model;         // what the servo says that it is
-  uint8_t error_bits;     // of the hardware error that mean something
-  float no_load_speed;    // [rad/s]
-  float voltage_scale;    // V per count
-  int32_t rest_count;     // a joint at rest has at most this velocity [counts]
-  int32_t ceiling_count;  // torque ceiling at derating 1
+  uint16_t model;            // what the servo says that it is
+  uint8_t error_bits;        // of the hardware error that mean something
+  float jump_counts;         // an encoder may be so far from its last reading,
+  float counts_per_us;       // and so much farther by each us since
+  uint32_t tracking_counts;  // so far from its goal a joint may be for long, position mode
+  uint32_t slew_counts;      // so far apart two goals of a run may be,
+  uint32_t homing_counts;    // and two of homing
+  int32_t voltage_low;       // least that is not too low [counts]
+  int32_t rest_count;        // a joint at rest has at most this velocity [counts]
+  int32_t ceiling_count;     // torque ceiling at derating 1
   sv_register position;
   sv_register velocity;
   sv_register load;
@@ -104,17 +108,21 @@ typedef struct {
   int32_t age_us_max;
 } sv_sensor;
 
+// Return whether a sensor's value is young enough; age -1, never read, is not.
+static inline int32_t sv_is_fresh(const sv_sensor* sensor, int32_t age_us) {
+  return (uint32_t)age_us <= (uint32_t)sensor->age_us_max;
+}
+
 typedef struct {
   uint8_t stop_holds;  // a run that was done ends with torque on at the last goal
   float homing_rad_s;
   float tracking_rad_max;
   int32_t tracking_us_max;
-  int32_t missed_max;     // replies of one servo that may be missing in a row
-  float temperature_max;  // [degrees Celsius]
-  float voltage_low;      // [V]
-  float tilt_rad_max;     // 0: never
-  int32_t overrun_max;    // periods in a row that may overrun
-  int32_t watchdog_us;    // of the servos' bus watchdogs, 0: none
+  int32_t missed_max;       // replies of one servo that may be missing in a row
+  int32_t temperature_max;  // [degrees Celsius]
+  float tilt_cosine_min;    // least of cos(roll) * cos(pitch)
+  int32_t overrun_max;      // periods in a row that may overrun
+  int32_t watchdog_us;      // of the servos' bus watchdogs, 0: none
   int32_t watchdog_count;
 } sv_safety;
 
@@ -127,7 +135,6 @@ typedef struct {
   uint8_t fast_sync_read;  // one status packet for all: Dynamixel 2.0, where every servo knows it
   int32_t period_us;
   int32_t homing_periods_max;  // beyond those of the move, until rest
-  float slew_rad_s;            // of the controller, 0: none
   int32_t njoint;
   const sv_joint* joints;
   const sv_servo* servos;  // kinds of servos
@@ -136,7 +143,7 @@ typedef struct {
   const sv_sensor* sensors;
   int32_t nmessage;
   const sv_message* messages;
-  int32_t roll;  // number of the sensor, -1: none
+  int32_t roll;  // number of the sensor, -1: nobody looks at the tilt
   int32_t pitch;
   sv_schedule schedule;
   sv_safety safety;

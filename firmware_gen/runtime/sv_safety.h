@@ -36,7 +36,7 @@ typedef struct {
   int32_t low;            // readings in a row below the limit
   uint8_t seen;           // whether it has ever been seen where it can have been,
   uint8_t off_track;      // whether it does not do what its goals say,
-  float believed_rad;     // where last,
+  int32_t believed;       // where last [counts],
   uint32_t believed_us;   // and when
   uint32_t off_track_us;  // since when
 } sv_watch_joint;
@@ -49,11 +49,8 @@ typedef struct {
   sv_why why;                    // the run has ended; SV_REASON_NONE: it has not
 } sv_watch;
 
-// Hold a reason with what it is about; return 1: the run has ended.
-int32_t sv_because(sv_watch* watch, int32_t reason, int32_t joint, int32_t a, int32_t b);
-
-// Return thousandths, rounded to nearest and saturated.
-int32_t sv_milli(float value);
+// Hold a reason with what it is about; return 1: the run has ended. So many places call it that copies cost too much.
+__attribute__((noinline)) int32_t sv_because(sv_watch* watch, int32_t reason, int32_t joint, int32_t a, int32_t b);
 
 // Count from 0.
 void sv_watch_init(sv_watch* watch);
@@ -87,14 +84,17 @@ int32_t sv_judge_tracking(const sv_rig* rig, sv_watch* watch, uint32_t now_us, c
 int32_t sv_judge_speeds(const sv_rig* rig, sv_watch* watch, uint32_t now_us, const int32_t* goals,
                         const int32_t* speeds, const int32_t* counts);
 
-// Stop when the base has fallen over: angles [rad].
-int32_t sv_judge_tilt(const sv_rig* rig, sv_watch* watch, float roll, float pitch);
+// Stop when the base has fallen over: counts of a rig's sensors for roll and pitch.
+int32_t sv_judge_tilt(const sv_rig* rig, sv_watch* watch, int32_t roll, int32_t pitch);
 
 // Stop when a servo is too hot or its supply too low: register counts.
 int32_t sv_judge_health(const sv_rig* rig, sv_watch* watch, int32_t joint, int32_t voltage, int32_t temperature);
 
 // Stop when too many periods in a row were not done in time.
 int32_t sv_judge_timing(const sv_rig* rig, sv_watch* watch, int32_t overran);
+
+// Take a last look at limits and rate, which those who aim should have kept: goals in force and new ones (njoint).
+int32_t sv_judge_goals(const sv_rig* rig, sv_watch* watch, int32_t running, const int32_t* last, const int32_t* goals);
 
 #ifdef __cplusplus
 }
