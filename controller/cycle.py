@@ -18,7 +18,7 @@ COUNT_MAX: Final = 1 << 30
 
 @dataclass(frozen=True)
 class OutputSpec:
-    """Describe how the cycle turns one program output into goal counts: `sv_output` of `runtime/sv_cycle.h`.
+    """Describe how the cycle turns one program output into goal counts: `sv_output` and `sv_guard` of `sv_cycle.h`.
 
     Args:
         name: the joint's name

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from ctypes import POINTER, c_float, c_int32, c_uint16, c_uint32, c_void_p
+from ctypes import POINTER, c_float, c_int16, c_int32, c_uint16, c_uint32, c_void_p
 from functools import cache
 from pathlib import Path
 from typing import ClassVar, Final
@@ -36,14 +36,13 @@ class SvProgram(ctypes.Structure):
 class SvTerminal(ctypes.Structure):
     """Mirror `sv_terminal` of `runtime/sv_cycle.h`."""
 
-    _fields_: ClassVar = [("kind", c_int32), ("channel", c_int32), ("zero", c_int32), ("scale", c_float)]
+    _fields_: ClassVar = [("kind", c_int16), ("channel", c_int16), ("zero", c_int32), ("scale", c_float)]
 
 
 class SvOutput(ctypes.Structure):
     """Mirror `sv_output` of `runtime/sv_cycle.h`."""
 
     _fields_: ClassVar = [
-        ("kind", c_int32),
         ("low", c_float),
         ("high", c_float),
         ("neutral", c_float),
@@ -52,10 +51,13 @@ class SvOutput(ctypes.Structure):
         ("zero", c_int32),
         ("count_low", c_int32),
         ("count_high", c_int32),
-        ("angle", SvTerminal),
-        ("angle_low", c_float),
-        ("angle_high", c_float),
     ]
+
+
+class SvGuard(ctypes.Structure):
+    """Mirror `sv_guard` of `runtime/sv_cycle.h`."""
+
+    _fields_: ClassVar = [("angle", SvTerminal), ("low", c_float), ("high", c_float)]
 
 
 class SvCycle(ctypes.Structure):
@@ -65,6 +67,7 @@ class SvCycle(ctypes.Structure):
         ("program", POINTER(SvProgram)),
         ("terminals", POINTER(SvTerminal)),
         ("outputs", POINTER(SvOutput)),
+        ("guards", POINTER(SvGuard)),
         ("period_s", c_float),
         ("filter", c_float),
         ("slew_step", c_float),

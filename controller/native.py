@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from ctypes import byref
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,7 @@ import numpy.typing as npt
 from controller.controller import Controller
 from controller.cycle import CycleSpec, OutputSpec, resolve_cycle
 from controller.errors import InputError
-from controller.library import SvCycle, SvCycleState, SvGoal, SvOutput, SvProgram, SvTerminal, library
+from controller.library import SvCycle, SvCycleState, SvGoal, SvGuard, SvOutput, SvProgram, SvTerminal, library
 from controller.program import INSTRUCTION, Program
 from controller.reference import check_inputs
 from controller.rig import Rig
@@ -21,8 +20,6 @@ from controller.verifier import verify
 
 Floats = npt.NDArray[np.float32]
 Counts = npt.NDArray[np.int32]
-
-_OUTPUT_KINDS: Final = {"position": 0, "velocity": 1}
 
 
 def pack_program(program: Program) -> SvProgram:
@@ -113,10 +110,10 @@ def lay_out_cycle(spec: CycleSpec) -> SvCycle:
     terminals = (SvTerminal * max(len(spec.terminals), 1))(*map(_terminal, spec.terminals))
     outputs = (SvOutput * len(spec.outputs))(*map(_output, spec.outputs))
     pose = (_terminal(spec.x), _terminal(spec.y), _terminal(spec.heading), _terminal(spec.facing))
-    packed = SvCycle(
-        ctypes.pointer(program), terminals, outputs, spec.period_s, spec.filter, spec.slew_step, spec.nraw, *pose
-    )
-    packed.parts = (program, terminals, outputs)
+    guards = (SvGuard * len(spec.outputs))(*map(_guard, spec.outputs))
+    numbers = (spec.period_s, spec.filter, spec.slew_step, spec.nraw)
+    packed = SvCycle(ctypes.pointer(program), terminals, outputs, guards, *numbers, *pose)
+    packed.parts = (program, terminals, outputs, guards)
     return _verified(packed)
 
 
@@ -272,7 +269,6 @@ def _terminal(spec: TerminalSpec) -> SvTerminal:
 
 def _output(spec: OutputSpec) -> SvOutput:
     return SvOutput(
-        _OUTPUT_KINDS[spec.kind],
         spec.low,
         spec.high,
         spec.neutral,
@@ -281,7 +277,8 @@ def _output(spec: OutputSpec) -> SvOutput:
         spec.zero,
         spec.count_low,
         spec.count_high,
-        _terminal(spec.angle),
-        spec.angle_low,
-        spec.angle_high,
     )
+
+
+def _guard(spec: OutputSpec) -> SvGuard:
+    return SvGuard(_terminal(spec.angle), spec.angle_low, spec.angle_high)

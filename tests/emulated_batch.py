@@ -154,12 +154,12 @@ def vm_job(program: Program, period: float, rows: npt.NDArray[np.float32], nstep
 def cycle_job(spec: CycleSpec, goal: tuple[float, float], raw: npt.NDArray[np.int32]) -> list[npt.ArrayLike]:
     """Run the whole cycle: one word, then rows of terminals, outputs and goal counts."""
     packed = lay_out_cycle(spec)
-    _, terminals, outputs = packed.parts
+    _, terminals, outputs, guards = packed.parts
     numbers = bytes(packed)[type(packed).period_s.offset :]
-    arrays = [np.frombuffer(bytes(part), np.uint32) for part in (terminals, outputs, numbers)]
+    arrays = [np.frombuffer(bytes(part), np.uint32) for part in (terminals, outputs, guards, numbers)]
     used = arrays[0][: len(spec.terminals) * len(arrays[0]) // len(terminals)]
-    scalars = arrays[2][: type(packed).facing.offset // 4 + 4 - type(packed).period_s.offset // 4]
-    return [[5], *_program(spec.program), used, arrays[1], scalars, np.float32(goal), [len(raw)], raw]
+    scalars = arrays[3][: type(packed).facing.offset // 4 + 3 - type(packed).period_s.offset // 4]
+    return [[5], *_program(spec.program), used, arrays[1], arrays[2], scalars, np.float32(goal), [len(raw)], raw]
 
 
 def _program(program: Program) -> list[npt.ArrayLike]:

@@ -13,7 +13,7 @@ from controller import load_rig, parse_controller, registers
 from controller.cycle import resolve_cycle
 from controller.errors import InputError
 from controller.families import family_of
-from controller.library import SvCycle, SvOutput, SvTerminal
+from controller.library import SvCycle, SvGuard, SvOutput, SvTerminal
 from controller.native import lay_out_cycle
 from controller.needed_sensors import needed_sensors
 from controller.register import decode_register, encode_register
@@ -236,6 +236,12 @@ def test_the_cycle_is_the_host_loops_number_for_number(built):
     assert bytes((SvOutput * noutput)(*mine.outputs[:noutput])) == bytes(
         (SvOutput * noutput)(*packed.outputs[:noutput])
     )
+    unguarded = all(guard.angle.channel < 0 for guard in packed.guards[:noutput])
+    assert bool(mine.guards) != unguarded
+    if not unguarded:
+        assert bytes((SvGuard * noutput)(*mine.guards[:noutput])) == bytes(
+            (SvGuard * noutput)(*packed.guards[:noutput])
+        )
     for name in ("period_s", "filter", "slew_step", "nraw"):
         assert getattr(mine, name) == getattr(packed, name), name
     for name in ("x", "y", "heading", "facing"):

@@ -44,12 +44,14 @@ static int32_t sv_verify_optional(const sv_terminal* terminal, int32_t nraw) {
   return terminal->kind == SV_TERMINAL_RAW && (terminal->channel < 0 || sv_verify_terminal(terminal, nraw));
 }
 
-static int32_t sv_verify_output(const sv_output* output, int32_t nraw) {
-  return (output->kind == SV_OUTPUT_POSITION || output->kind == SV_OUTPUT_VELOCITY) && sv_is_finite(output->low) &&
-         sv_is_finite(output->high) && output->low <= output->neutral && output->neutral <= output->high &&
-         sv_is_finite(output->unit_scale) && sv_is_finite(output->count_scale) && sv_is_zero_count(output->zero) &&
-         output->count_low <= output->count_high && sv_verify_optional(&output->angle, nraw) &&
-         output->angle_low <= output->angle_high;
+static int32_t sv_verify_output(const sv_output* output) {
+  return sv_is_finite(output->low) && sv_is_finite(output->high) && output->low <= output->neutral &&
+         output->neutral <= output->high && sv_is_finite(output->unit_scale) && sv_is_finite(output->count_scale) &&
+         sv_is_zero_count(output->zero) && output->count_low <= output->count_high;
+}
+
+static int32_t sv_verify_guard(const sv_guard* guard, int32_t nraw) {
+  return sv_verify_optional(&guard->angle, nraw) && guard->low <= guard->high;
 }
 
 int32_t sv_cycle_verify(const sv_cycle* cycle) {
@@ -75,7 +77,7 @@ int32_t sv_cycle_verify(const sv_cycle* cycle) {
     }
   }
   for (int32_t i = 0; i < cycle->program->noutput; i++) {
-    if (!sv_verify_output(cycle->outputs + i, cycle->nraw)) {
+    if (!sv_verify_output(cycle->outputs + i) || (cycle->guards && !sv_verify_guard(cycle->guards + i, cycle->nraw))) {
       return SV_ERROR_CYCLE;
     }
   }
@@ -188,13 +190,14 @@ static float sv_follow(const sv_cycle* cycle, float held, float target) {
 }
 
 // whether a velocity would carry a limited joint beyond its limits within this period
-static int32_t sv_is_beyond(const sv_cycle* cycle, const sv_output* output, float velocity, const int32_t* raw) {
-  if (!SV_HAS(SV_OUTPUT_KINDS, SV_OUTPUT_VELOCITY) || output->kind != SV_OUTPUT_VELOCITY || output->angle.channel < 0) {
+static int32_t sv_is_beyond(const sv_cycle* cycle, int32_t number, float velocity, const int32_t* raw) {
+  if (!cycle->guards || cycle->guards[number].angle.channel < 0) {
     return 0;
   }
+  const sv_guard* guard = cycle->guards + number;
   const float way = velocity * cycle->period_s;
-  const float angle = sv_decode(&output->angle, raw) + way;
-  return (velocity > 0.0F && angle > output->angle_high) || (velocity < 0.0F && angle < output->angle_low);
+  const float angle = sv_decode(&guard->angle, raw) + way;
+  return (velocity > 0.0F && angle > guard->high) || (velocity < 0.0F && angle < guard->low);
 }
 
 void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* state, float* registers,
@@ -242,7 +245,7 @@ void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* s
     const sv_output* output = cycle->outputs + i;
     outputs[i] = sv_clamp_output(output, outputs[i]);
     state->held[i] = sv_follow(cycle, state->held[i], outputs[i] * output->unit_scale);
-    const float command = sv_is_beyond(cycle, output, state->held[i], raw) ? 0.0F : state->held[i];
+    const float command = sv_is_beyond(cycle, i, state->held[i], raw) ? 0.0F : state->held[i];
     const int32_t count = output->zero + sv_round(command * output->count_scale);
     goal_counts[i] = sv_clamp_count(count, output->count_low, output->count_high);
   }

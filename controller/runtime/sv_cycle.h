@@ -28,17 +28,14 @@ typedef enum {
 } sv_terminal_kind;
 
 typedef struct {
-  int32_t kind;     // sv_terminal_kind
-  int32_t channel;  // raw channel, for SV_TERMINAL_RAW
+  int16_t kind;     // sv_terminal_kind
+  int16_t channel;  // raw channel, for SV_TERMINAL_RAW
   int32_t zero;     // counts at 0 SI
   float scale;      // SI per count, sign included
 } sv_terminal;
 
-typedef enum { SV_OUTPUT_POSITION = 0, SV_OUTPUT_VELOCITY = 1 } sv_output_kind;
-
 typedef struct {
-  int32_t kind;  // sv_output_kind
-  float low;     // clamp, in the output's own unit
+  float low;  // clamp, in the output's own unit
   float high;
   float neutral;      // what a NaN becomes, and where a position starts, in the output's own unit
   float unit_scale;   // SI per unit: pi / 180 for degrees, 1 for radians
@@ -46,15 +43,19 @@ typedef struct {
   int32_t zero;       // counts at 0 SI
   int32_t count_low;  // the rig's own limits, in counts
   int32_t count_high;
-  sv_terminal angle;  // of a limited joint that a velocity drives: SV_TERMINAL_RAW; channel < 0: not guarded
-  float angle_low;    // a velocity that would carry the joint beyond these within a period commands 0 [rad]
-  float angle_high;
 } sv_output;
+
+typedef struct {
+  sv_terminal angle;  // of a limited joint that a velocity drives: SV_TERMINAL_RAW; channel < 0: not guarded
+  float low;          // a velocity that would carry the joint beyond these within a period commands 0 [rad]
+  float high;
+} sv_guard;
 
 typedef struct {
   const sv_program* program;
   const sv_terminal* terminals;  // (program->ninput)
   const sv_output* outputs;      // (program->noutput)
+  const sv_guard* guards;        // (program->noutput), 0: no output is guarded
   float period_s;
   float filter;     // first-order filter y += filter * (u - y); 1: none
   float slew_step;  // largest change of an output per period [SI]; 0: no limit

@@ -12,6 +12,5 @@
 
 // kinds that a cycle may have, a bit each: what a project knows to be absent costs it no code
 #define SV_TERMINAL_KINDS 0x7FU  // sv_terminal_kind
-#define SV_OUTPUT_KINDS 0x3U     // sv_output_kind
 
 #endif  // SV_SIZES_H_

@@ -249,16 +249,21 @@ def _cycle(spec: CycleSpec) -> list[str]:
     lines += ["static const sv_output outputs[] = {"]
     for output in spec.outputs:
         lines += ["    {", f"        // {plain(output.name)}", *(f"    {text}" for text in _output(output)), "    },"]
+    lines += ["};", ""]
+    guarded = any(output.angle.channel >= 0 for output in spec.outputs)
+    if guarded:
+        lines += ["static const sv_guard guards[] = {"]
+        lines += row_lines((_guard(output), plain(output.name)) for output in spec.outputs)
+        lines += ["};", ""]
     return [
         *lines,
-        "};",
-        "",
         "const sv_cycle servolve_cycle = {",
         *field_lines(
             [
                 ("program", "&program"),
                 ("terminals", "terminals" if spec.terminals else "0"),
                 ("outputs", "outputs"),
+                ("guards", "guards" if guarded else "0"),
                 ("period_s", float_c(spec.period_s)),
                 ("filter", float_c(spec.filter)),
                 ("slew_step", float_c(spec.slew_step)),
@@ -277,7 +282,6 @@ def _cycle(spec: CycleSpec) -> list[str]:
 def _output(output: OutputSpec) -> list[str]:
     return field_lines(
         [
-            ("kind", f"SV_OUTPUT_{output.kind.upper()}"),
             ("low", float_c(output.low)),
             ("high", float_c(output.high)),
             ("neutral", float_c(output.neutral)),
@@ -286,11 +290,12 @@ def _output(output: OutputSpec) -> list[str]:
             ("zero", output.zero),
             ("count_low", output.count_low),
             ("count_high", output.count_high),
-            ("angle", _terminal(output.angle)),
-            ("angle_low", float_c(output.angle_low)),
-            ("angle_high", float_c(output.angle_high)),
         ]
     )
+
+
+def _guard(output: OutputSpec) -> str:
+    return f"{{{_terminal(output.angle)}, {float_c(output.angle_low)}, {float_c(output.angle_high)}}}"
 
 
 def _terminal(spec: TerminalSpec) -> str:

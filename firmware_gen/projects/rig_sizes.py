@@ -33,9 +33,6 @@ _FIRMWARE: Final = {
     "frame": "bytes of the longest packet, stuffing included",
 }
 
-OUTPUT_KINDS: Final = ("position", "velocity")
-"""Kinds of outputs in the order of `sv_output_kind` of `controller/runtime/sv_cycle.h`."""
-
 _EXTRA: Final = 7
 """`SV_LENGTHS` of `runtime/sv_bus.h` less one: bytes more than wanted that the bus may ask for."""
 
@@ -57,7 +54,6 @@ class Sizes:
         block: bytes of the longest block that is read at once
         frame: bytes of the longest packet, stuffing included
         terminal_kinds: kinds of terminals that the controller reads, `1 << sv_terminal_kind` each
-        output_kinds: kinds of its outputs, `1 << sv_output_kind` each
     """
 
     input: int
@@ -72,7 +68,6 @@ class Sizes:
     block: int
     frame: int
     terminal_kinds: int
-    output_kinds: int
 
 
 def sizes_of(rig: Rig, controller: Controller) -> Sizes:
@@ -100,7 +95,6 @@ def sizes_of(rig: Rig, controller: Controller) -> Sizes:
         block=block,
         frame=_frame(rig, block),
         terminal_kinds=_bits(terminal.kind for terminal in cycle.terminals),
-        output_kinds=_bits(OUTPUT_KINDS.index(output.kind) for output in cycle.outputs),
     )
 
 
@@ -127,7 +121,6 @@ def sizes_files(sizes: Sizes, rig: Rig, fast_sync_read: bool = False) -> dict[st
     cycle_kinds = [
         "// kinds that its cycle has, a bit each: those that are absent cost no code",
         f"#define SV_TERMINAL_KINDS 0x{sizes.terminal_kinds:X}U",
-        f"#define SV_OUTPUT_KINDS 0x{sizes.output_kinds:X}U",
         "",
     ]
     one, several = "((void)(joint), (rig)->servos)", "((rig)->servos + (rig)->joints[joint].servo)"

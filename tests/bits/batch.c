@@ -140,6 +140,7 @@ static void batch_cycle(void) {
   cycle.program = &program;
   cycle.terminals = batch_load(program.ninput * (int32_t)(sizeof(sv_terminal) / 4));
   cycle.outputs = batch_load(program.noutput * (int32_t)(sizeof(sv_output) / 4));
+  cycle.guards = batch_load(program.noutput * (int32_t)(sizeof(sv_guard) / 4));
   // period, filter, slew step, nraw, x, y, heading, facing: as they lie in the structure
   batch_need(batch_read(&cycle.period_s, 4 + 4 * (int32_t)(sizeof(sv_terminal) / 4)));
   batch_need(batch_read(&goal, 2));
