@@ -19,6 +19,7 @@ from firmware_gen.projects.board import Board
 from firmware_gen.projects.fingerprints import program_fingerprint, rig_fingerprint
 from firmware_gen.projects.plain import plain
 from firmware_gen.projects.program_glue import glue_source
+from firmware_gen.projects.program_stack import program_stack
 from firmware_gen.projects.project_cmake import cmake_text
 from firmware_gen.projects.project_readme import readme_text
 from firmware_gen.projects.rig_config import rig_header, rig_source
@@ -102,7 +103,7 @@ def make_project(controller: Controller, rig: Rig, board: Board, fast_sync_read:
     if board.form == "arduino":
         files = library_files(controller, rig, unit, files)
     else:
-        files["CMakeLists.txt"] = cmake_text(board, _sources(board, files))
+        files["CMakeLists.txt"] = cmake_text(board, _sources(board, files), program_stack(unit))
     files["README.md"] = readme_text(controller, rig, board)
     files[MANIFEST] = _manifest(controller, rig, board, unit, asdict(sizes), files)
     return Project(board, unit, dict(sorted(files.items())))

@@ -12,18 +12,21 @@ ARITHMETIC: Final = ("-std=c99", "-ffp-contract=off")
 """Without these the controller does not compute the reference's bits; the selftest at boot would say so."""
 
 
-def cmake_text(board: Board, sources: Sequence[str]) -> str:
+def cmake_text(board: Board, sources: Sequence[str], stack: int = 0) -> str:
     """Write `CMakeLists.txt`.
 
     Args:
         board: the board
         sources: C files, relative to the project's folder
+        stack: what the controller needs on top of the board's usual stack, for its linker script [bytes]
     """
     folder = "${CMAKE_CURRENT_SOURCE_DIR}"
     flags = (*ARITHMETIC, *WARNINGS, *board.flags)
     bare = "link.ld" in {path.name for path in board.files}
     whole = (*ARITHMETIC, "-flto") if bare else ()
     links = [flag.replace("{board}", f"{folder}/board") for flag in (*whole, *board.flags, *board.link_flags)]
+    if bare and stack:
+        links.append(f"-Wl,--defsym=program_stack={stack}")
     lines = [
         f"# Firmware for {board.name}, written by servolve firmware; do not edit.",
         "#",
