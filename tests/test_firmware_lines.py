@@ -205,11 +205,23 @@ def test_a_line_after_an_hour_of_silence_is_fresh(runtime):
     assert lines.age_us(FORCE, hour_us + LATENCY_US) == LATENCY_US
 
 
-def test_a_silent_node_ages_as_long_as_a_run_may_last(runtime):
+@pytest.mark.parametrize("node_us", [10**6, 2**31, 2**31 + 10**6, 2**32 - 10**6, 5 * 10**9, 10**10, 10**16 - 1])
+@pytest.mark.parametrize("start_us", [0, 2**32 - 30_000])
+def test_a_node_that_starts_anew_is_dated_anew(runtime, node_us, start_us):
+    lines = Lines(runtime)
+    lines.feed(force(1, node_us, 1), start_us)
+    for number, boot_us in enumerate((0, 10_000, 20_000)):
+        now_us = start_us + 50_000 + boot_us + LATENCY_US
+        lines.feed(force(number, boot_us, number), now_us)
+        assert (lines.raw(FORCE), lines.age_us(FORCE, now_us)) == (number, LATENCY_US)
+        assert lines.host_age_us(FORCE, now_us) == pytest.approx(LATENCY_US, abs=1.0)
+
+
+def test_a_silent_node_ages_for_half_an_hour_and_is_too_old_from_then_on(runtime):
     lines = Lines(runtime)
     lines.feed(force(1, 0, 5), LATENCY_US)
-    for age_us in (10**6, 2**31 - 1, 2**31, 2**31 + 1, 2**32 - 1):
-        assert lines.age_us(FORCE, age_us) == min(age_us, 2**31 - 1)
+    assert [lines.age_us(FORCE, age_us) for age_us in (10**6, 2**31 - 1)] == [10**6, 2**31 - 1]
+    assert all(lines.age_us(FORCE, age_us) < 0 for age_us in (2**31, 2**31 + 1, 2**32 - 1))
     assert lines.raw(FORCE) == 5
 
 

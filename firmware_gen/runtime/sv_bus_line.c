@@ -3,7 +3,7 @@
 #include "sv_hal.h"
 #include "sv_time.h"
 
-#define SV_WAIT_US_MAX 50000U    // the watchdog is fed as often
+#define SV_WAIT_US_MAX 50000U    // without food for the watchdog
 #define SV_NBYTE_MAX 16384       // of one stretch in which the line is busy
 #define SV_FLUSH_MAX 256         // reads that a flush may take: no babbling line holds it up
 #define SV_OVERDUE_US_MAX 2000U  // how long after its deadline a transaction may still take what waits
@@ -54,9 +54,17 @@ void sv_bus_expect(sv_bus* bus, int32_t nbyte, int32_t nreply) {
   bus->deadline_us += (uint32_t)(nreply * SV_RIG(bus)->return_delay_us + bus->patience_us);
 }
 
+void sv_doze(uint32_t until_us) {
+  const uint32_t now_us = sv_hal_now_us();
+  sv_hal_wait(sv_has_come(now_us + SV_WAIT_US_MAX, until_us) ? until_us : now_us + SV_WAIT_US_MAX);
+  // a clock that stands still is no reason to feed
+  if (sv_hal_now_us() != now_us) {
+    sv_hal_feed_watchdog();
+  }
+}
+
 int32_t sv_bus_take(sv_bus* bus) {
   const int32_t room = (int32_t)sizeof bus->received - bus->nreceived;
-  uint32_t fed_us = sv_hal_now_us() - 1U;
   for (;;) {
     const uint32_t now_us = sv_hal_now_us();
     // what has come by the deadline is taken after it, but a line that never falls silent is left alone
@@ -72,12 +80,7 @@ int32_t sv_bus_take(sv_bus* bus) {
     if (sv_has_come(now_us, bus->deadline_us)) {
       return 0;
     }
-    // a clock that stands still is no reason to feed
-    if (now_us != fed_us) {
-      sv_hal_feed_watchdog();
-    }
-    fed_us = now_us;
-    sv_hal_wait(bus->deadline_us - now_us > SV_WAIT_US_MAX ? now_us + SV_WAIT_US_MAX : bus->deadline_us);
+    sv_doze(bus->deadline_us);
   }
 }
 

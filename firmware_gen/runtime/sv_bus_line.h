@@ -21,6 +21,9 @@ void sv_bus_expect(sv_bus* bus, int32_t nbyte, int32_t nreply);
 // Take what has come; where nothing has, wait for it until the deadline; return whether something came.
 int32_t sv_bus_take(sv_bus* bus);
 
+// Sleep until a time comes or something else does, for no longer than the watchdog can do without food; then feed it.
+void sv_doze(uint32_t until_us);
+
 // Forget the first bytes that were taken.
 void sv_bus_drop(sv_bus* bus, int32_t n);
 

@@ -41,11 +41,10 @@ static int32_t sv_ping(sv_robot* robot, int32_t joint, uint16_t* model) {
 // Ask once more and wait for long; return how long the answer took, -1 if there is none [us].
 static int32_t sv_patient_ping_us(sv_robot* robot, int32_t joint) {
   uint16_t model;
-  const int32_t usual_us = robot->bus.patience_us;
   const uint32_t asked_us = sv_hal_now_us();
   robot->bus.patience_us = SV_PATIENCE_US;
   const int32_t status = sv_ping(robot, joint, &model);
-  robot->bus.patience_us = usual_us;
+  robot->bus.patience_us = SV_RIG(robot)->patience_us;
   return status == SV_REPLY_DATA ? (int32_t)(robot->bus.reply.t_us - asked_us) : -1;
 }
 

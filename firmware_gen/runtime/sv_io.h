@@ -23,7 +23,7 @@ void sv_drop_sensors(sv_robot* robot);
 // Return whether every sensor that is needed is fresh.
 int32_t sv_sensors_fresh(const sv_robot* robot);
 
-// Return how old a joint's counts are [us], -1: it has never answered.
+// Return how old a joint's counts are [us]; -1: it has never answered, < 0: they are older than 2^31 us.
 int32_t sv_joint_age_us(const sv_robot* robot, int32_t joint, uint32_t now_us);
 
 // Return whether a block holds a register: => its count.

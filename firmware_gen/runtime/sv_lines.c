@@ -94,57 +94,37 @@ static int32_t sv_is_stop(const uint8_t* body, int32_t n) {
 
 // when its sample was taken
 
-// Forget the differences that are older than a second.
-static void sv_forget_old(sv_channel* channel, uint32_t now_us) {
-  int32_t old = 0;
-  while (old < channel->ndifference && now_us - channel->differences[old].seen_us > SV_MEMORY_US) {
-    old++;
+// Keep a difference that is seen now, and of those before it the smaller ones of the last second: the others tell
+// nothing any more.
+static void sv_see(sv_channel* channel, uint32_t offset_us, uint32_t now_us) {
+  sv_difference* kept = channel->differences;
+  int32_t n = 0;
+  for (int32_t i = 0; i < channel->ndifference; i++) {
+    if (now_us - kept[i].seen_us <= SV_MEMORY_US && (int32_t)(kept[i].offset_us - offset_us) < 0) {
+      kept[n++] = kept[i];
+    }
   }
-  for (int32_t i = old; i < channel->ndifference; i++) {
-    channel->differences[i - old] = channel->differences[i];
+  const int32_t shared = n > 0 && kept[n - 1].seen_us >> SV_SHARE_SHIFT == now_us >> SV_SHARE_SHIFT;
+  if (n < SV_WINDOW_MAX && !shared) {
+    kept[n++].offset_us = offset_us;
   }
-  channel->ndifference -= old;
-}
-
-// Add a difference above the offset that is seen now; larger ones that were seen before tell nothing any more.
-static void sv_see(sv_channel* channel, int32_t above_us, uint32_t now_us) {
-  const sv_difference newest = {now_us, above_us};
-  while (channel->ndifference > 0 && channel->differences[channel->ndifference - 1].above_us >= above_us) {
-    channel->ndifference--;
-  }
-  sv_difference* next = channel->differences + channel->ndifference;
-  if (channel->ndifference == SV_WINDOW_MAX ||
-      (channel->ndifference > 0 && next[-1].seen_us >> SV_SHARE_SHIFT == newest.seen_us >> SV_SHARE_SHIFT)) {
-    next[-1].seen_us = newest.seen_us;
-    return;
-  }
-  *next = newest;
-  channel->ndifference++;
+  kept[n - 1].seen_us = now_us;
+  channel->ndifference = n;
 }
 
 // Date a channel's new line; return whether it is another sample than the last.
 static int32_t sv_date(sv_channel* channel, int32_t latency_us, uint32_t t_us, uint32_t now_us) {
-  const uint32_t difference_us = now_us - t_us - (uint32_t)latency_us;
-  const int32_t seen = channel->ndifference > 0;
-  if (seen && t_us == channel->t_us) {
+  const int32_t starts = channel->ndifference == 0 || (int32_t)(t_us - channel->t_us) < 0;
+  if (starts) {
+    channel->ndifference = 0;
+  } else if (t_us == channel->t_us) {
     return 0;
   }
-  const int32_t starts = !seen || (int32_t)(t_us - channel->t_us) < 0;
-  // never above what was seen within a second: a smaller difference dates at once
-  if (starts || (int32_t)(difference_us - channel->offset_us) < 0) {
-    channel->offset_us = difference_us;
-    channel->ndifference = 0;
-  }
-  const int32_t drift_us = starts ? 0 : (int32_t)((now_us - channel->updated_us) / SV_DRIFT_PART);
-  sv_forget_old(channel, now_us);
-  sv_see(channel, (int32_t)(difference_us - channel->offset_us), now_us);
-  // a larger one than all of that second's can only come of clocks that drift apart
-  const int32_t least_us = channel->differences[0].above_us;
-  const int32_t grown_us = least_us < drift_us ? least_us : drift_us;
-  channel->offset_us += (uint32_t)grown_us;
-  for (int32_t i = 0; i < channel->ndifference; i++) {
-    channel->differences[i].above_us -= grown_us;
-  }
+  sv_see(channel, now_us - t_us - (uint32_t)latency_us, now_us);
+  // a larger one than all of the last second's can only come of clocks that drift apart
+  const uint32_t most_us = channel->offset_us + (now_us - channel->updated_us) / SV_DRIFT_PART;
+  const uint32_t least_us = channel->differences[0].offset_us;
+  channel->offset_us = starts || (int32_t)(least_us - most_us) < 0 ? least_us : most_us;
   channel->t_us = t_us;
   channel->updated_us = now_us;
   return 1;

@@ -9,7 +9,7 @@
 // does not make a sample look young. Of that second's differences at most SV_WINDOW_MAX are kept, each the smallest
 // since, and those of one eighth of a second count as one: memory is fixed, and a difference may date samples for up to
 // an eighth of a second longer than a second. That makes a sample look older, never younger, by no more than what the
-// clocks drift apart in the eighth: 1.25 ms at 1 %.
+// clocks drift apart in the eighth: 1.25 ms at 1 %. The node's times, as ours, are taken modulo 2^32 us.
 
 #ifndef SV_LINES_H_
 #define SV_LINES_H_
@@ -28,7 +28,7 @@ extern "C" {
 // A difference of the clocks, the smallest since it was seen.
 typedef struct {
   uint32_t seen_us;
-  int32_t above_us;  // above the channel's offset
+  uint32_t offset_us;
 } sv_difference;
 
 // The newest line of one letter, and how the node's clock stands to ours.
@@ -53,7 +53,7 @@ void sv_lines_init(sv_lines* lines);
 // Take n bytes that the sensor line gave: => raw (nsensor), the newest counts of each sensor whose line has come.
 void sv_lines_feed(sv_lines* lines, const sv_rig* rig, const uint8_t* bytes, int32_t n, uint32_t now_us, int32_t* raw);
 
-// Return how old a sensor's counts are [us], -1 before its first line.
+// Return how old a sensor's counts are [us]; -1 before its first line, < 0 where they are older than 2^31 us.
 int32_t sv_lines_age_us(const sv_lines* lines, const sv_rig* rig, int32_t sensor, uint32_t now_us);
 
 #ifdef __cplusplus

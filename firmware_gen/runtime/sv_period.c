@@ -1,5 +1,6 @@
 #include "sv_period.h"
 
+#include "sv_bus_line.h"
 #include "sv_console.h"
 #include "sv_guard.h"
 #include "sv_hal.h"
@@ -7,22 +8,11 @@
 #include "sv_io.h"
 #include "sv_time.h"
 
-#define SV_WAIT_US_MAX 50000U  // the watchdog is fed so often
-
 void sv_wait_until(sv_robot* robot, uint32_t until_us) {
-  uint32_t fed_us = sv_hal_now_us() - 1U;
-  for (;;) {
+  sv_console_listen(robot);
+  while (!sv_has_come(sv_hal_now_us(), until_us)) {
+    sv_doze(until_us);
     sv_console_listen(robot);
-    const uint32_t now_us = sv_hal_now_us();
-    // a clock that stands still is no reason to feed
-    if (now_us != fed_us) {
-      sv_hal_feed_watchdog();
-    }
-    if (sv_has_come(now_us, until_us)) {
-      return;
-    }
-    fed_us = now_us;
-    sv_hal_wait(until_us - now_us > SV_WAIT_US_MAX ? now_us + SV_WAIT_US_MAX : until_us);
   }
 }
 

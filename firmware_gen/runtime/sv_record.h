@@ -23,7 +23,7 @@ typedef enum {
   SV_RECORD_FINDING = 3,  // i64 t_us, u8 level, u8 sv_finding, u8 joint, u16 address, i32 value, i32 low, i32 high
   SV_RECORD_START = 4,    // i64 t_us, f32 goal_dist, f32 goal_bearing, i32 periods, f32 derate, u8 armed
   SV_RECORD_CYCLE = 5,   // i64 t_us, varint k, late_us, read_us, compute_us, write_us (-1: not sent), u16 missed (bit a
-                         // joint), varint raw (nraw), varint age_us (njoint, then nsensor; -1: never read),
+                         // joint), varint raw (nraw), varint age_us (njoint, then nsensor; < 0: never),
                          // u32 terminal bits (ninput), u32 output bits (noutput), varint goal counts (noutput)
   SV_RECORD_HEALTH = 6,  // i64 t_us, u8 joint, u16 address, u8 size, bytes
   SV_RECORD_EVENT = 7,   // i64 t_us, u8 sv_event, u8 joint, i32 a, i32 b

@@ -67,7 +67,7 @@ int32_t sv_judge_hardware_error(const sv_rig* rig, sv_watch* watch, int32_t join
 // Stop when a servo that should move has no torque.
 int32_t sv_judge_torque(sv_watch* watch, int32_t joint, int32_t torque);
 
-// Stop when a sensor that is needed has been old for too many periods: ages_us (nsensor), -1: never read.
+// Stop when a sensor that is needed has been old for too many periods: ages_us (nsensor), < 0: never read.
 int32_t sv_judge_sensors(const sv_rig* rig, sv_watch* watch, const int32_t* ages_us);
 
 // Stop when an angle has jumped farther than its servo can turn: asked at asked_us or later and read by now_us, replies

@@ -12,10 +12,8 @@ extern "C" {
 // Return whether a time has come that lies less than 2^31 us away.
 static inline int32_t sv_has_come(uint32_t now_us, uint32_t until_us) { return (int32_t)(now_us - until_us) >= 0; }
 
-// Return how long ago a time was that lies less than 2^32 us back, saturated [us].
-static inline int32_t sv_age_us(uint32_t now_us, uint32_t then_us) {
-  return now_us - then_us < INT32_MAX ? (int32_t)(now_us - then_us) : INT32_MAX;
-}
+// Return how long ago a time was [us]; < 0 where that is 2^31 us or longer.
+static inline int32_t sv_age_us(uint32_t now_us, uint32_t then_us) { return (int32_t)(now_us - then_us); }
 
 #ifdef __cplusplus
 }

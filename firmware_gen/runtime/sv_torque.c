@@ -119,8 +119,8 @@ static int32_t sv_switch_off(sv_robot* robot, int32_t number) {
 
 uint32_t sv_release(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
+  const int32_t usual_us = rig->patience_us;
   const uint32_t until_us = sv_hal_now_us() + SV_RELEASE_US_MAX;
-  const int32_t usual_us = robot->bus.patience_us;
   uint32_t left = (UINT32_C(1) << rig->njoint) - 1U;
   if (SV_VELOCITY_MODE(rig)) {
     sv_clear_all(robot, &SV_SERVO(rig, 0)->goal);
