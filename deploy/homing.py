@@ -13,8 +13,6 @@ from deploy.period import FaultError, Period, Periods
 _REST_PERIODS: Final = 10
 _REST_SPEED_RAD_S: Final = 0.06
 _REST_S_MAX: Final = 10.0
-_APPROACH_HZ: Final = 4.0
-"""Speed by distance of a joint that is driven by its speed [1/s]: it slows down over the last quarter of a second."""
 
 Goals: TypeAlias = Callable[[int], Sequence[int]]
 """Gives the goals of a period by its number [counts], (njoint,)."""

@@ -8,7 +8,6 @@ from controller import registers
 
 ACCESS_ERROR = 7
 REFUSALS_OF_LIMIT = (4, 6)  # the X series' manual names both for a goal beyond the limits
-ANGLE_LIMIT = 0x02
 
 
 def test_every_register_can_be_read_within_its_range(bench):

@@ -20,9 +20,6 @@ STATUS_DONE: Final = 0
 STATUS_DIVERGED: Final = 1
 STATUS_ERROR: Final = 2
 
-FALLS: Final = ("none", "tilt", "head", "flight")
-"""Names of the values of `fallen`."""
-
 FIELDS: Final = (
     ("final_error", "m", "distance of the base from the goal, in the plane, at the end"),
     ("final_px", "m", "goal - base along the heading at the end"),

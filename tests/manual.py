@@ -96,10 +96,6 @@ class Memory:
         """Return the items that lie wholly in a block."""
         return [item for item in self.items.values() if address <= item.address and item.end <= address + length]
 
-    def is_gapless(self, address: int, length: int) -> bool:
-        """Return whether a block consists of whole items with nothing between them."""
-        return length > 0 and sum(item.size for item in self.covered(address, length)) == length
-
     def check(self, address: int, data: bytes) -> None:
         """Hold what was read to what is expected, and learn what was not known."""
         for item in self.covered(address, len(data)):

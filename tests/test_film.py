@@ -189,7 +189,7 @@ def test_a_machine_without_opengl_is_told(tmp_path):
     assert told.stdout.count("\n") == 1 and "install libegl1" in told.stdout
 
 
-def test_a_context_is_freed(motion):
+def test_a_context_may_be_closed_again_and_made_anew(motion):
     from sim_models.body import build_model
 
     model = build_model(motion.rig)

@@ -8,6 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+import scservo_sdk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -107,16 +108,15 @@ def test_addresses_and_sizes_agree_with_feetechs_sdks(series, names):
 @given(st.data())
 @settings(max_examples=60, derandomize=True, deadline=None)
 def test_counts_are_written_as_feetechs_sdk_writes_them(product, data):
-    sdk = pytest.importorskip("scservo_sdk")
     line = data.draw(st.sampled_from([line for line in registers(product).values() if line.size == 2]))
     value = data.draw(st.integers(line.low, line.high))
-    end = sdk.SCS_GETEND()
-    sdk.SCS_SETEND(1 if product.name == "scs0009" else 0)
+    end = scservo_sdk.SCS_GETEND()
+    scservo_sdk.SCS_SETEND(1 if product.name == "scs0009" else 0)
     try:
-        word = sdk.SCS_TOSCS(value, line.sign_bit) if line.signed else value
-        expected = bytes([sdk.SCS_LOBYTE(word), sdk.SCS_HIBYTE(word)])
+        word = scservo_sdk.SCS_TOSCS(value, line.sign_bit) if line.signed else value
+        expected = bytes([scservo_sdk.SCS_LOBYTE(word), scservo_sdk.SCS_HIBYTE(word)])
     finally:
-        sdk.SCS_SETEND(end)
+        scservo_sdk.SCS_SETEND(end)
     assert encode_register(line, value) == expected
     assert decode_register(line, expected) == value
 

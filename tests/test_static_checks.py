@@ -4,7 +4,7 @@ import re
 import subprocess
 
 import pytest
-from test_transpile import SHAPES, make_controller
+from made_controllers import SHAPES, make_controller
 
 from controller import load_controller
 from firmware_gen import transpile

@@ -3,7 +3,7 @@
 import subprocess
 
 import pytest
-from test_transpile import FLUSH, SLOW, make_controller
+from made_controllers import FLUSH, SLOW, make_controller
 
 from firmware_gen.transpiler.generate import generate
 
