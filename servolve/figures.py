@@ -268,7 +268,7 @@ def timing_figure(found: Comparison) -> str:
         ages.set(xlabel="age when used [ms]", title="Age of sensor values")
         for ax in (parts, ages):
             if ax.get_legend_handles_labels()[0]:
-                ax.legend(loc="upper right", handlelength=1.0)
+                ax.legend(loc="upper right", ncols=3, handlelength=0.8, columnspacing=0.9, handletextpad=0.4)
     return svg[0]
 
 
