@@ -1,4 +1,4 @@
-"""Controllers as C for any machine: the transpiler, its selftest and report, and compiled controllers for tests."""
+"""Controllers as C for any machine: the transpiler, bounds on what it makes, and firmware projects for boards."""
 
 from firmware_gen.report import report_text, write_report
 from firmware_gen.transpiler.compiled import CompiledController, compile_controller, compile_controllers
