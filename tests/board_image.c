@@ -21,12 +21,11 @@
 const sv_rig servolve_rig = {.baud = 1000000, .njoint = 1};
 
 int main(void);
-void sv_robot_panic(const sv_rig* rig);
+void sv_robot_panic(void);
 int32_t deeper(int32_t n);
 
-void sv_robot_panic(const sv_rig* rig) {
+void sv_robot_panic(void) {
   static const uint8_t off[] = {'o', 'f', 'f', '!'};
-  (void)rig;
   (void)sv_hal_write(SV_LINE_BUS, off, 4);
 }
 

@@ -5,7 +5,7 @@ import subprocess
 from ctypes import POINTER, c_char, c_float, c_int32, c_uint8, c_uint16, c_uint32
 
 from controller.generate_runtime import PATH as RUNTIME_TABLE
-from controller.library import SvAxis, SvBlock, SvSchedule
+from controller.library import SvAxis, SvBlock
 from firmware_gen.projects.project import RUNTIME
 from firmware_gen.projects.rig_config import rig_header, rig_source
 from firmware_gen.projects.rig_sizes import sizes_files, sizes_of
@@ -113,7 +113,6 @@ class SvRig(ctypes.Structure):
         ("messages", POINTER(SvMessage)),
         ("roll", c_int32),
         ("pitch", c_int32),
-        ("schedule", SvSchedule),
         ("safety", SvSafety),
         ("fingerprint", c_uint32),
     )

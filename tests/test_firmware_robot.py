@@ -125,7 +125,7 @@ def test_after_a_reset_the_torque_of_every_servo_is_taken_first(robot, cause):
 
 def test_a_panic_takes_the_torque_of_all_with_packets_alone(robot):
     robot.boot()
-    robot.library.sv_robot_panic(ctypes.byref(ctypes.c_int32.in_dll(robot.library, "servolve_rig")))
+    robot.library.sv_robot_panic()
     assert robot.sent() == 2 * robot.sent()[: robot.at_boot]
 
 

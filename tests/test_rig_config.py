@@ -13,7 +13,7 @@ from controller import load_rig, parse_controller, registers
 from controller.cycle import resolve_cycle
 from controller.errors import InputError
 from controller.families import family_of
-from controller.library import SvCycle, SvGuard, SvOutput, SvTerminal
+from controller.library import SvCycle, SvGuard, SvOutput, SvSchedule, SvTerminal
 from controller.native import lay_out_cycle
 from controller.needed_sensors import needed_sensors
 from controller.register import decode_register, encode_register
@@ -86,7 +86,7 @@ def test_there_are_rigs_of_both_protocols():
 
 
 def test_the_line_the_schedule_and_the_limits_are_the_rigs(built):
-    rig, _, data, _ = built
+    rig, _, data, library = built
     assert data.protocol == ("dynamixel-2.0", "feetech-sts").index(rig.bus.protocol)
     assert (data.baud, data.return_delay_us) == (rig.bus.baud, rig.bus.return_delay_us)
     assert data.period_us == round(1e6 * rig.period_s)
@@ -94,7 +94,7 @@ def test_the_line_the_schedule_and_the_limits_are_the_rigs(built):
     assert data.homing_periods_max == math.ceil(10.0 / rig.period_s)
 
     schedule = schedule_of(rig)
-    told = data.schedule
+    told = SvSchedule.in_dll(library, "servolve_schedule")
     assert (told.state.address, told.state.size) == schedule.state
     assert (told.goal.address, told.goal.size) == schedule.goal
     assert tuple((b.address, b.size) for b in told.health[: told.nhealth]) == schedule.health

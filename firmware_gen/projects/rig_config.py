@@ -148,7 +148,7 @@ def rig_source(rig: Rig, controller: Controller, fast_sync_read: bool = False) -
             (_sensor(rig, sensor, i in needed), plain(sensor.name)) for i, sensor in enumerate(rig.sensors)
         )
         lines += ["};", ""]
-    return "\n".join([*lines, *_rig(rig, controller, fast_sync_read)])
+    return "\n".join([*lines, *_schedule(rig), *_rig(rig, controller, fast_sync_read)])
 
 
 def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
@@ -176,7 +176,6 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
                 ("messages", "messages" if rig.sensors else "0"),
                 ("roll", places["roll"] if tilt else -1),
                 ("pitch", places["pitch"] if tilt else -1),
-                ("schedule", _schedule(rig)),
                 ("safety", _safety(rig.safety)),
                 ("fingerprint", f"0x{rig_fingerprint(rig, controller):08x}U"),
             ]
@@ -186,11 +185,23 @@ def _rig(rig: Rig, controller: Controller, fast_sync_read: bool) -> list[str]:
     ]
 
 
-def _schedule(rig: Rig) -> str:
+def _schedule(rig: Rig) -> list[str]:
     schedule = schedule_of(rig)
-    health = ", ".join(pair_c(block) for block in schedule.health)
-    blocks = f"{pair_c(schedule.state)}, {pair_c(schedule.goal)}, {len(schedule.health)}, {{{health}}}"
-    return f"{{{schedule.nservo}, {blocks}, {schedule.health_every}}}"
+    return [
+        "const sv_schedule servolve_schedule = {",
+        *field_lines(
+            [
+                ("nservo", schedule.nservo),
+                ("state", pair_c(schedule.state)),
+                ("goal", pair_c(schedule.goal)),
+                ("nhealth", len(schedule.health)),
+                ("health", f"{{{', '.join(pair_c(block) for block in schedule.health)}}}"),
+                ("health_every", schedule.health_every),
+            ]
+        ),
+        "};",
+        "",
+    ]
 
 
 def _safety(safety: Safety) -> str:

@@ -128,6 +128,8 @@ def sizes_files(sizes: Sizes, rig: Rig, fast_sync_read: bool = False) -> dict[st
     kinds = [
         "// what is known of the rig costs no code for the other cases",
         "#define SV_RIG(holder) ((void)(holder), &servolve_rig)",
+        "#define SV_SET_RIG(holder, which) ((void)(holder), (void)(which))",
+        f"#define SV_BAUD(rig) ((void)(rig), {rig.bus.baud})",
         f"#define SV_SERVO(rig, joint) {one if max(servo_kinds(rig)) == 0 else several}",
         f"#define SV_PROTOCOL(rig) ((void)(rig), {PROTOCOLS[rig.bus.protocol]})",
         f"#define SV_VELOCITY_MODE(rig) ((void)(rig), {int(rig.joints[0].mode == 'velocity')})",

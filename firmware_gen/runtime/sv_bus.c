@@ -71,7 +71,7 @@ int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size
 // transactions
 
 void sv_bus_init(sv_bus* bus, const sv_rig* rig) {
-  bus->rig = rig;
+  SV_SET_RIG(bus, rig);
   bus->nreceived = 0;
   bus->nframe = 0;
   bus->silent = 0;

@@ -78,7 +78,7 @@ int32_t sv_walk(sv_robot* robot, int32_t k) {
   sv_await_period(robot);
   done->started_us = sv_hal_now_us();
   int32_t faulty = sv_stalled(robot, done->started_us);
-  for (int32_t i = 0; sv_schedule_due(&SV_RIG(robot)->schedule, k, i, &due); i++) {
+  for (int32_t i = 0; sv_schedule_due(&servolve_schedule, k, i, &due); i++) {
     faulty = sv_do(robot, k, &due, faulty) || faulty;
   }
   robot->ended_us = sv_hal_now_us();

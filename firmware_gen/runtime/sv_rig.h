@@ -145,13 +145,13 @@ typedef struct {
   const sv_message* messages;
   int32_t roll;  // number of the sensor, -1: nobody looks at the tilt
   int32_t pitch;
-  sv_schedule schedule;
   sv_safety safety;
   uint32_t fingerprint;  // of rig and controller: a log names the files that it belongs to
 } sv_rig;
 
-// A project's one rig and its one cycle, of rig.c.
+// A project's one rig with its schedule and its cycle, of rig.c.
 extern const sv_rig servolve_rig;
+extern const sv_schedule servolve_schedule;
 extern const sv_cycle servolve_cycle;
 
 // Return the count that a register's bytes hold.

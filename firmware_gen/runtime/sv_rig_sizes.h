@@ -11,6 +11,8 @@
 
 // what a project knows of its rig costs no code for the other cases
 #define SV_RIG(holder) ((holder)->rig)
+#define SV_SET_RIG(holder, which) ((holder)->rig = (which))
+#define SV_BAUD(rig) ((rig)->baud)
 #define SV_SERVO(rig, joint) ((rig)->servos + (rig)->joints[joint].servo)
 #define SV_PROTOCOL(rig) ((rig)->protocol)
 #define SV_VELOCITY_MODE(rig) ((rig)->velocity_mode)

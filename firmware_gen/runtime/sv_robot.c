@@ -165,7 +165,7 @@ void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_
   const sv_wish wish = {{0.0F, 0.0F}, SV_SECONDS * 1000000 / rig->period_us, 1.0F, 0, 0, SV_REASON_NONE};
   const sv_counts none = {0, 0, 0, 0};
   const int32_t cause = sv_hal_reset_cause();
-  robot->rig = rig;
+  SV_SET_RIG(robot, rig);
   robot->program = program;
   robot->selftest = selftest;
   robot->registers = registers;
@@ -180,7 +180,7 @@ void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_
   robot->counts = none;
   sv_forget(robot);
   // whatever has reset the board, servos may bear the torque of a run that nobody ends any more
-  sv_robot_panic(SV_RIG(robot));
+  sv_robot_panic();
   sv_log_hello(robot);
   if (cause != SV_RESET_POWER) {
     (void)sv_because(&robot->watch, SV_REASON_RESET, SV_NOBODY, cause, 0);
@@ -197,7 +197,8 @@ static void sv_zero_all(const sv_rig* rig, const sv_register* reg) {
   (void)sv_hal_write(SV_LINE_BUS, frame, n);
 }
 
-void sv_robot_panic(const sv_rig* rig) {
+void sv_robot_panic(void) {
+  const sv_rig* rig = &servolve_rig;
   if (SV_VELOCITY_MODE(rig)) {
     sv_zero_all(rig, &SV_SERVO(rig, 0)->goal);
   }

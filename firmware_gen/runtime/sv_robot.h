@@ -94,8 +94,9 @@ void sv_robot_init(sv_robot* robot, const sv_rig* rig, int32_t selftest, uint32_
 // Take what has come from the console, and make the run that it starts: returns when that has ended, with torque off.
 void sv_robot_poll(sv_robot* robot);
 
-// Send torque off to every servo without reading anything: for fault handlers and the watchdog's warning. Reentrant.
-void sv_robot_panic(const sv_rig* rig);
+// Send torque off to every servo of the project's rig without reading anything: for fault handlers and the watchdog's
+// warning. Reentrant.
+void sv_robot_panic(void);
 
 #ifdef __cplusplus
 }

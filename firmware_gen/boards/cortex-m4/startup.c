@@ -12,7 +12,6 @@
 
 #include "board.h"
 #include "sv_hal.h"
-#include "sv_rig.h"
 
 #define REG(address) (*(volatile uint32_t*)(address))
 #define SYST_CSR REG(0xE000E010U)
@@ -24,11 +23,10 @@
 #define ROUNDS 3  // torque off is said so often: a servo that was answering talked over the first
 #define MAGIC 0x746F7271U
 
-extern const sv_rig servolve_rig;
 extern uint32_t board_stack_top[], board_data_begin[], board_data_end[], board_data_stored[];
 extern uint32_t board_zero_begin[], board_zero_end[];
 
-void sv_robot_panic(const sv_rig* rig);  // of sv_robot.h
+void sv_robot_panic(void);  // of sv_robot.h
 void board_reset(void);
 void board_begin(void);
 void board_last_words(int32_t cause);
@@ -106,7 +104,7 @@ __attribute__((noreturn, used)) void board_last_words(int32_t cause) {
     board_cause[0] = MAGIC;
     board_cause[1] = (uint32_t)cause;
     for (int32_t i = 0; i < ROUNDS; i++) {
-      sv_robot_panic(&servolve_rig);
+      sv_robot_panic();
     }
   }
   __asm volatile("dsb" ::: "memory");

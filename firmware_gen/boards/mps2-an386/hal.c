@@ -69,7 +69,7 @@ void sv_hal_init(void) {
   reset_cause = board_died_of();
   // the counter counts microseconds
   FPGAIO_PRESCALE = CORE_HZ / 1000000U - 1U;
-  start_line(UART0, servolve_rig.baud);
+  start_line(UART0, SV_BAUD(&servolve_rig));
   start_line(UART1, SENSOR_BAUD);
   start_line(UART2, CONSOLE_BAUD);
   NVIC_ISER0 = 1U << 0 | 1U << 2 | 1U << 4 | 1U << 5;
@@ -95,14 +95,14 @@ static int32_t wait_for_room(uart* line, int32_t patience) {
 // the UART does not tell when its last bit has left: that is waited for
 __attribute__((noinline)) int32_t board_send_bus(const uint8_t* data, int32_t size) {
   // some ten cycles a round: more than 30 bits' time
-  const int32_t patience = CORE_HZ / servolve_rig.baud * 4 + 100;
+  const int32_t patience = CORE_HZ / SV_BAUD(&servolve_rig) * 4 + 100;
   int32_t n = 0;
   while (n < size && wait_for_room(UART0, patience)) {
     UART0->data = data[n++];
   }
   (void)wait_for_room(UART0, patience);
   // the byte in the shift register: ten bits, at three cycles a round
-  for (volatile int32_t i = CORE_HZ / servolve_rig.baud * 4; i > 0; i--) {
+  for (volatile int32_t i = CORE_HZ / SV_BAUD(&servolve_rig) * 4; i > 0; i--) {
   }
   return n;
 }

@@ -200,7 +200,7 @@ void sv_hal_init(void) {
   for (int32_t i = 0; i < (int32_t)(sizeof kSettings / sizeof *kSettings); i++) {
     *kSettings[i].reg |= kSettings[i].bits;
   }
-  USART1->brr = (uint32_t)((APB2_HZ + servolve_rig.baud / 2) / servolve_rig.baud);
+  USART1->brr = (uint32_t)((APB2_HZ + SV_BAUD(&servolve_rig) / 2) / SV_BAUD(&servolve_rig));
   const int32_t crystal = !is_silicon || start_clock();
   // microseconds, for ever; QEMU's timers count at 1 GHz
   TIM2_PSC = is_silicon ? 2 * APB1_HZ / 1000000 - 1 : 999;
