@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Annotated, Final
 
+import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
 
@@ -13,6 +14,7 @@ from controller import Controller, Rig, load_controller, load_rig, parse_control
 from controller.errors import InputError
 from controller.rig_file import parse_rig, rig_names
 from deploy.firmware.dump import DumpedRun, dumped_runs, lost_cycles, write_run
+from deploy.firmware.records import FORMAT
 from deploy.host_loop import Outcome, RunOptions
 from deploy.log import RunLog
 from deploy.summary import summary
@@ -109,6 +111,11 @@ def _choose(path: Path, runs: list[DumpedRun], number: int | None) -> DumpedRun:
 
 def _check_origin(path: Path, run: DumpedRun, rig: Rig, controller: Controller) -> None:
     """Refuse a recording of firmware that was made from other files."""
+    if run.hello is not None and run.hello.format != FORMAT:
+        raise InputError(
+            f"{path}: its records have format {run.hello.format}, and this servolve reads format {FORMAT}; use the "
+            "servolve that made the firmware"
+        )
     if run.hello is not None and run.hello.rig != rig_fingerprint(rig, controller):
         raise InputError(
             f"{path}: is of firmware that was made from another rig or controller than {rig.name} and "
@@ -122,7 +129,8 @@ def _asked(run: DumpedRun, rig: Rig) -> RunOptions:
         return RunOptions(0.0, 0.0, 0.0, True, 1.0)
     asked = run.started
     seconds = round(asked.periods * rig.period_s, 9)
-    return RunOptions(asked.goal_dist, asked.goal_bearing, seconds, bool(asked.armed), asked.derate)
+    goal, bearing, derate = (float(str(np.float32(x))) for x in (asked.goal_dist, asked.goal_bearing, asked.derate))
+    return RunOptions(goal, bearing, seconds, bool(asked.armed), derate)
 
 
 def _report(
@@ -143,10 +151,14 @@ def _report(
         print(json.dumps(told))
         return
     for what, sentence in (
+        (
+            run.hello is None,
+            f"its boot was not recorded, so whether it is of {controller.name} on {rig.name} is not known",
+        ),
         (run.started is None, "its start was not recorded, so goal and length are not known: replay will differ"),
         (not run.complete, "its end was not recorded; figures are of what was"),
-        (damaged > 0, f"{damaged} pieces of the recording are damaged"),
-        (told["lost_cycles"], f"{told['lost_cycles']} control periods are missing; replay needs them all"),
+        (damaged > 0, f"pieces of the recording that are damaged: {damaged}"),
+        (told["lost_cycles"], f"control periods that are missing: {told['lost_cycles']}; replay needs them all"),
     ):
         if what:
             console.print(f"servolve: warning: {sentence}", highlight=False, markup=False, soft_wrap=True)

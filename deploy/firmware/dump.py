@@ -82,6 +82,8 @@ def write_run(run: DumpedRun, rig: Rig, controller: Controller, write: Write) ->
     log = RecordLog(rig, controller, LABEL, write)
     for record in run.records:
         log.hear(record)
+    if not run.complete:
+        log.outcome.state = log.state
     return log.outcome
 
 

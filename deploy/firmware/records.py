@@ -7,6 +7,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeAlias
 
+FORMAT: Final = 2
+"""`SV_RECORD_FORMAT`: what the records below are."""
+
 _VARINT_BYTES_MAX: Final = 5
 
 
