@@ -78,8 +78,8 @@ class RunLog:
         self._epoch_ns = epoch_ns
         self._flushed_at = 0.0
         self._failed = False
+        check_log_path(self.path)
         try:
-            _refuse_other(self.path)
             self._file = self.path.open("wb")
         except OSError as error:
             raise InputError(f"{path}: the log cannot be written there ({error.strerror}); name another file") from None
@@ -145,12 +145,25 @@ class RunLog:
         self.close()
 
 
-def _refuse_other(path: Path) -> None:
-    """Refuse to overwrite a recording, a controller or whatever else stands there that nobody can bring back."""
-    if not path.is_file():
-        return
-    with path.open("rb") as file:
-        begins = file.read(len(_MAGIC))
+def check_log_path(path: Path) -> None:
+    """Refuse what can be no log's place, and a recording, a controller or whatever else stands there.
+
+    Args:
+        path: where a log shall be written
+
+    Raises:
+        InputError: a log can not be written there, or would overwrite what nobody can bring back
+    """
+    why = "it is a folder" if path.is_dir() else "its folder is not there" if not path.parent.is_dir() else ""
+    try:
+        begins = b""
+        if path.is_file():
+            with path.open("rb") as file:
+                begins = file.read(len(_MAGIC))
+    except OSError as error:
+        why = str(error.strerror)
+    if why:
+        raise InputError(f"{path}: the log cannot be written there ({why}); name another file")
     if not _MAGIC.startswith(begins):
         raise InputError(f"{path}: is there and is no log, so it is not overwritten; name another file")
 

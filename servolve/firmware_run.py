@@ -16,7 +16,7 @@ from controller.errors import InputError
 from deploy.checks import check_controller
 from deploy.firmware.commands import commands
 from deploy.host_loop import RunOptions
-from deploy.log import RunLog
+from deploy.log import RunLog, check_log_path
 from deploy.stop_request import StopRequest
 from deploy.summary import summary
 from servolve.run_meta import GOAL_M, check_length, check_run, run_meta, run_seconds
@@ -91,7 +91,13 @@ def plan_run(machine: str, controller: Controller, rig: Rig, asked: AskedRun) ->
     """
     if not machine:
         raise InputError("--run: nothing here runs an image of this board; choose board host, or flash it")
+    if machine != TWIN:
+        from deploy.firmware.qemu import require_emulator
+
+        require_emulator(machine)
     check_run(asked.goal, asked.seconds, asked.derate)
+    if asked.log is not None:
+        check_log_path(asked.log)
     virtual = virtual_options(asked.twin, asked.fault, asked.seed)
     seconds = run_seconds(controller, asked.seconds)
     check_length(rig, seconds)

@@ -211,6 +211,8 @@ def test_a_board_of_ones_own_is_a_folder(tmp_path):
         ("format = 1", "format = 2", "format 2"),
         ("title =", "titel =", "'titel' is not known"),
         ('compiler = "cc"', "", "compiler is missing"),
+        ('elf = "firmware"', 'elf = "robot.elf"', "elf is 'robot.elf'; write firmware and what shall follow"),
+        ('elf = "firmware"', 'elf = "../firmware"', "elf is '../firmware'"),
     ],
 )
 def test_a_board_that_is_wrong_is_refused_with_its_line(before, after, sentence, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,8 +11,10 @@ import time
 import pytest
 from firmware_runs import GOLDEN, STS3215, XC330, firmware_run
 
+from deploy.firmware.console_decoder import checked, crc16
 from deploy.firmware.dump import dumped_runs
 from deploy.log import read_log
+from firmware_gen.projects.board import load_board
 from servolve.cli import main
 
 LAMP = str(GOLDEN / "lamp-robust.controller.toml")
@@ -58,6 +61,26 @@ def test_a_run_is_told_and_logged_as_the_host_loops(capsys, tmp_path, project, f
     assert main(["compare", str(log)]) == 0
 
 
+def test_a_check_that_finds_something_is_told_as_the_host_loops(capsys, project):
+    options = ("--fault", "dead=2", "--json")
+    host = asked(capsys, "deploy", LAMP, *options)
+    board = asked(capsys, "firmware", LAMP, "--board", "host", "--out", project, "--run", *options)
+    assert host[1]["cycles"] == 0 and host[1]["upright"]
+    assert {name: board[1][name] for name in host[1] if name != "port"} == {
+        name: value for name, value in host[1].items() if name != "port"
+    }
+
+
+def test_a_board_whose_machine_is_unknown_is_not_built_to_be_run(capsys, tmp_path):
+    shutil.copytree(load_board("host").folder, tmp_path / "mine")
+    text = (tmp_path / "mine" / "board.toml").read_text()
+    (tmp_path / "mine" / "board.toml").write_text(text.replace('machine = "twin"', 'machine = "raspi"'))
+    folder = tmp_path / "robot"
+    status, _, err = asked(capsys, "firmware", LAMP, "--board", tmp_path / "mine", "--out", folder, "--run")
+    assert (status, folder.exists()) == (2, False)
+    assert "no board of servolve is QEMU's machine 'raspi'; choose one of" in err
+
+
 def test_a_table_is_printed_without_json(capsys, tmp_path, project):
     status = main(["firmware", LAMP, "--board", "host", "--out", str(project), "--run", "--seconds", "0.5"])
     out, err = capsys.readouterr()
@@ -75,6 +98,9 @@ def test_a_table_is_printed_without_json(capsys, tmp_path, project):
         (("--run", "--seconds", "0.001"), "is less than a control period"),
         (("--run", "--derate", "2"), "is not above 0 and at most 1"),
         (("--run", "--seed", "-1"), "is negative"),
+        (("--run", "--goal", "1e-12"), "--goal 1e-12: firmware takes at most 9 decimal places; round it"),
+        (("--run", "--log", "/nowhere/x.mcap"), "the log cannot be written there (its folder is not there)"),
+        (("--run", "--log", LAMP), "is there and is no log, so it is not overwritten"),
         (("--run", "--fault", "nonsense"), "nonsense"),
     ],
 )
@@ -92,7 +118,7 @@ def test_a_recorded_console_becomes_the_log_of_its_last_run(capsys, tmp_path, re
     status, told, _ = asked(capsys, "log", path, "--controller", LAMP, "--rig", "lamp-xc330", "--out", out, "--json")
     assert status == 0
     assert (told["complete"], told["damaged"], told["lost_cycles"], told["cycles"]) == (True, 0, 0, 50)
-    assert told["state"] == "off"
+    assert (told["state"], told["goal_m"]) == ("off", 0.4)
     log = read_log(out)
     for topic in ("/cycle", "/event", "/health"):
         assert len(log.messages[topic]) == len(run.log.messages[topic])
@@ -138,8 +164,34 @@ def test_a_damaged_recording_gives_what_is_left_of_it(capsys, tmp_path, recorded
     status, told, _ = asked(capsys, "log", path, "--controller", LAMP, "--out", out, "--json")
     assert status == 0
     assert not told["complete"]
+    assert (told["state"], told["done"]) == ("running", False)
     assert told["lost_cycles"] + told["damaged"] >= 1
     assert len(read_log(out).cycles) >= 30
+
+
+def test_a_recording_without_its_boot_is_not_known_to_be_of_this_firmware(capsys, tmp_path, recorded):
+    _, _, last = recorded
+    path, out = tmp_path / "console.bin", tmp_path / "board.mcap"
+    boot = next(i for i, piece in enumerate(last.split(b"\0")) if checked(piece) and checked(piece)[0] == 1)
+    path.write_bytes(b"\0".join(last.split(b"\0")[boot + 1 :]))
+    assert main(["log", str(path), "--controller", LAMP, "--out", str(out)]) == 0
+    assert "its boot was not recorded, so whether it is of lamp_robust on lamp-xc330" in capsys.readouterr().err
+
+
+def test_records_of_another_format_are_named(capsys, tmp_path, recorded):
+    _, _, last = recorded
+    path = tmp_path / "console.bin"
+    pieces = last.split(b"\0")
+    boot = next(i for i, piece in enumerate(pieces) if checked(piece) and checked(piece)[0] == 1)
+    body = bytearray(checked(pieces[boot]))
+    body[1] += 1
+    data = bytes(body) + crc16(bytes(body)).to_bytes(2, "little")
+    parts = data.split(b"\0")  # shorter than 254 bytes each
+    pieces[boot] = b"".join(bytes([len(part) + 1]) + part for part in parts)
+    path.write_bytes(b"\0".join(pieces))
+    status, _, err = asked(capsys, "log", path, "--controller", LAMP, "--out", tmp_path / "board.mcap")
+    assert status == 2
+    assert f"records have format {body[1]}, and this servolve reads format {body[1] - 1}" in err
 
 
 def test_recordings_of_something_else_are_refused(capsys, tmp_path, recorded):

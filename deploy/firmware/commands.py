@@ -12,6 +12,8 @@ from deploy.host_loop import RunOptions
 
 SECONDS_MAX: Final = 4000.0
 """The longest run that firmware takes [s]."""
+PLACES_MAX: Final = 9
+"""So many decimal places its console takes of a number."""
 
 
 def commands(options: RunOptions, period_s: float) -> list[str]:
@@ -25,18 +27,22 @@ def commands(options: RunOptions, period_s: float) -> list[str]:
         lines of the console, the start last
 
     Raises:
-        InputError: the run is longer than firmware takes
+        InputError: the run is longer than firmware takes, or a number has too many decimal places
     """
     if options.seconds >= SECONDS_MAX:
         raise InputError(f"--seconds {options.seconds:g}: firmware runs for less than {SECONDS_MAX:g} s; give less")
     seconds = round(options.seconds / period_s) * period_s
-    goal = [_decimal(options.goal_dist)] + ([_decimal(options.goal_bearing)] if options.goal_bearing else [])
-    asked = [f"goal {' '.join(goal)}", f"seconds {seconds:.5f}", f"derate {_decimal(options.derate)}"]
+    bearing = [_decimal("goal", options.goal_bearing)] if options.goal_bearing else []
+    goal = " ".join([_decimal("goal", options.goal_dist), *bearing])
+    asked = [f"goal {goal}", f"seconds {seconds:.5f}", f"derate {_decimal('derate', options.derate)}"]
     return [*asked, "arm" if options.arm else "disarm", "start"]
 
 
-def _decimal(value: float) -> str:
+def _decimal(option: str, value: float) -> str:
     """Return the shortest decimal that is the same float32."""
     if not math.isfinite(value):
-        raise InputError(f"{value}: is no number; give a decimal")
-    return np.format_float_positional(np.float32(value), trim="-")
+        raise InputError(f"--{option} {value}: is no number; give a decimal")
+    text = np.format_float_positional(np.float32(value), trim="-")
+    if len(text.partition(".")[2]) > PLACES_MAX:
+        raise InputError(f"--{option} {value:g}: firmware takes at most {PLACES_MAX} decimal places; round it")
+    return text

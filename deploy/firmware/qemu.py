@@ -80,6 +80,21 @@ class _Ring:
     lost: int
 
 
+def require_emulator(machine: str) -> None:
+    """Check that a machine can be emulated here.
+
+    Args:
+        machine: one of `BOARDS`
+
+    Raises:
+        InputError: there is no QEMU, or no such machine
+    """
+    if machine not in BOARDS:
+        raise InputError(f"no board of servolve is QEMU's machine '{machine}'; choose one of {', '.join(BOARDS)}")
+    if shutil.which(QEMU) is None:
+        raise InputError(f"there is no {QEMU}; install it, as with: apt-get install qemu-system-arm")
+
+
 class Qemu:
     """Run an image in lock step; close it after use.
 
@@ -92,10 +107,7 @@ class Qemu:
     """
 
     def __init__(self, image: Path, machine: str) -> None:
-        if machine not in BOARDS:
-            raise InputError(f"no board of servolve is QEMU's machine '{machine}'; choose one of {', '.join(BOARDS)}")
-        if shutil.which(QEMU) is None:
-            raise InputError(f"there is no {QEMU}; install it, as with: apt-get install qemu-system-arm")
+        require_emulator(machine)
         self._board = BOARDS[machine]
         self._symbols = read_symbols(image)
         needed = ("sv_hal_init", "sv_hal_wait", "sv_hal_now_us", "sv_hal_inputs", "board_send_bus", "board_received")
@@ -225,7 +237,7 @@ class Qemu:
             self.stub.listen()
         except RunError as error:
             self._words.seek(0)
-            words = self._words.read().decode(errors="replace").strip()[-300:]
+            words = " ".join(self._words.read().decode(errors="replace").split())[:300]  # registers follow
             raise RunError(f"{error}: {words}" if words else str(error)) from None
 
     def _take_sent(self) -> None:

@@ -110,6 +110,7 @@ class _Run:
                 raise RunError(f"the firmware has not ended its run by {bench.now:.1f} s; this is a defect in it")
         bench.flush()
         outcome = records.outcome
+        outcome.pose = outcome.pose or self._pose()
         outcome.bus_bytes, outcome.bus_sha256 = self._nbyte, self._digest.hexdigest()
         return outcome, self._witness
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
@@ -45,7 +46,7 @@ class Board:
         chip: what it computes with
         sources: C files in its folder that belong to the firmware
         compiler: the compiler's command
-        elf: name of the linked image
+        elf: name of the linked image: "firmware" and a suffix, as "firmware.elf"
         machine: what runs the image without the board: "twin", a machine of qemu-system-arm, or "" for nothing
         flags: for compiling and linking
         link_flags: for linking; {board} stands for the folder
@@ -127,7 +128,7 @@ def _board(top: Table, folder: Path) -> Board:
         chip=head.text_value("chip"),
         sources=sources,
         compiler=head.text_value("compiler"),
-        elf=head.text_value("elf"),
+        elf=_elf(head) if form == "cmake" else head.text_value("elf"),
         machine=head.text_value("machine"),
         flags=_texts(head, "flags"),
         link_flags=_texts(head, "link_flags"),
@@ -149,6 +150,13 @@ def _form(head: Table) -> str:
     if form not in FORMS:
         head.fail("form", f"form is '{form}'; choose one of {', '.join(FORMS)}")
     return form
+
+
+def _elf(head: Table) -> str:
+    elf = head.text_value("elf")
+    if not re.fullmatch(r"firmware[A-Za-z0-9_.-]*", elf):
+        head.fail("elf", f"elf is '{elf}'; write firmware and what shall follow, as firmware.elf")
+    return elf
 
 
 def _flash(table: Table) -> Flash:
