@@ -118,6 +118,12 @@ def test_library_and_sketch_compile_for_a_mega(library, tmp_path):
     text, data, bss = map(int, run_command("avr-size", "firmware.elf", cwd=tmp_path).splitlines()[1].split()[:3])
     assert text + data <= FLASH
     assert data + bss + STACK_MIN <= RAM
+    about = load_board("arduino").chip
+    (said,) = re.findall(r"fills (\d+) KiB of flash and (\d+) KiB of RAM", about)
+    for bytes_taken, kib in zip((text + data, data + bss + STACK_MIN), said, strict=True):
+        assert 0.75 * int(kib) < bytes_taken / 1024 <= int(kib), (
+            f"{bytes_taken} bytes, but the board's file says {about}"
+        )
     names = run_command("avr-nm", "-C", "firmware.elf", cwd=tmp_path)
     assert "main" in names and "malloc" not in names
     assert "servolve: try help" in boot(tmp_path / "firmware.elf")
