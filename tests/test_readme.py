@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -48,7 +49,11 @@ def test_the_two_commands_are_targets(target: str):
 
 
 def test_what_it_points_to_is_there():
-    for path in re.findall(r"\]\(([^)#]+)\)", README):
+    paths = re.findall(r"\]\(([^)#]+)\)", README)
+    assert "docs/firmware.md" in paths
+    for path in paths:
         assert (ROOT / path).exists(), path
-    for folder in re.findall(r"`(\w+)/`", README.split("## Rooms")[1].split("`DESIGN.md`")[0]):
-        assert (ROOT / folder).is_dir(), folder
+    folders = set(re.findall(r"`(\w+)/`", README.split("## Rooms")[1].split("`DESIGN.md`")[0]))
+    packages = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["root_packages"]
+    assert folders == {*packages, "tests", "hil_tests"}
+    assert all((ROOT / folder).is_dir() for folder in folders)
