@@ -1,4 +1,4 @@
-"""Firmware projects: the same bytes from the same input, built by their own README, and nobody's files overwritten."""
+"""Firmware projects: the same bytes from the same input, built by their own README."""
 
 import json
 import os
@@ -230,57 +230,6 @@ def test_a_project_that_changes_its_board_leaves_nothing_of_the_other(tmp_path):
     (tmp_path / "build" / "CMakeCache.txt").write_text("of another compiler")
     write_project(project_of("host"), tmp_path)
     assert tree(tmp_path) == {k: v.encode() for k, v in project_of("host").files.items()}
-
-
-# nobody's files are overwritten
-
-
-def test_a_folder_with_other_files_is_refused_unless_forced(tmp_path, capsys):
-    (tmp_path / "src").mkdir()
-    (tmp_path / "src" / "thesis.tex").write_text("years of work")
-    arguments = ("--rig", "lamp-xc330", "--board", "host", "--out", tmp_path)
-    assert firmware(*arguments) == 2
-    assert "holds other files (src?thesis.tex)" in capsys.readouterr().err
-    assert tree(tmp_path) == {"src/thesis.tex": b"years of work"}
-    assert firmware(*arguments, "--force") == 0
-    assert tree(tmp_path)["src/thesis.tex"] == b"years of work"
-
-
-def test_what_was_written_before_is_replaced_but_not_what_somebody_has_changed(tmp_path, capsys):
-    arguments = ("--rig", "lamp-xc330", "--board", "host", "--out", tmp_path)
-    assert firmware(*arguments) == 0 and firmware(*arguments) == 0
-    (tmp_path / "board" / "hal.c").write_text("// mine\n")
-    assert firmware(*arguments) == 2
-    assert "hal.c: was changed since it was written" in capsys.readouterr().err
-    assert (tmp_path / "board" / "hal.c").read_text() == "// mine\n"
-    assert firmware(*arguments, "--force") == 0
-    assert "// mine" not in (tmp_path / "board" / "hal.c").read_text()
-
-
-def test_a_manifest_can_not_make_it_remove_files_elsewhere(tmp_path):
-    outside = tmp_path / "keep"
-    outside.write_text("")
-    digest = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"  # of nothing
-    folder = tmp_path / "out"
-    write_project(project_of(), folder)
-    manifest = json.loads((folder / "servolve.json").read_text())
-    manifest["files"] |= {"../keep": digest, str(outside): digest, "src/../../keep": digest}
-    (folder / "servolve.json").write_text(json.dumps(manifest))
-    write_project(project_of(), folder)
-    assert outside.is_file()
-
-
-def test_a_link_to_elsewhere_is_no_file_of_the_project(tmp_path):
-    write_project(project_of(), tmp_path / "out")
-    hal = tmp_path / "out" / "board" / "hal.c"
-    shutil.copy(hal, tmp_path / "hal.c")
-    hal.unlink()
-    hal.symlink_to(tmp_path / "hal.c")
-    (tmp_path / "hal.c").write_text("// mine\n")
-    with pytest.raises(InputError, match="was changed"):
-        write_project(project_of(), tmp_path / "out")
-    write_project(project_of(), tmp_path / "out", force=True)
-    assert not hal.is_symlink() and (tmp_path / "hal.c").read_text() == "// mine\n"
 
 
 # sentences

@@ -45,6 +45,8 @@ SHARED: Final = (
 )
 """Files of the controller's runtime that the firmware is built from, as host loop and simulation are."""
 
+_PART: Final = ".servolve-part"
+"""Ends the name of a file that is being written."""
 _TOOLCHAIN: Final = "board/toolchain.cmake"
 _RESERVED: Final = frozenset({"main", "program", "rig", "servolve", "sv"})
 
@@ -130,21 +132,38 @@ def write_project(project: Project, folder: Path, force: bool = False) -> None:
         before = _written_before(folder)
         if not force:
             _refuse_others(folder, before)
-        if before.get(_TOOLCHAIN) != hashlib.sha256(project.files.get(_TOOLCHAIN, "").encode()).hexdigest():
+        if before.get(_TOOLCHAIN) != frozenset({_digest_of(project.files.get(_TOOLCHAIN, ""))}):
             drop_build(folder)
+        # from here to the end the manifest knows both what was there and what is to come
+        _put(folder / MANIFEST, _unfinished(project, before))
+        for path in before:
+            (folder / (path + _PART)).unlink(missing_ok=True)
         for path in sorted(before.keys() - project.files.keys()):
-            if _digest(folder / path) == before[path]:
+            if _digest(folder / path) in before[path]:
                 (folder / path).unlink()
         for path, text in project.files.items():
-            place = folder / path
-            place.parent.mkdir(parents=True, exist_ok=True)
-            if place.is_symlink():
-                place.unlink()  # what it points to is somebody else's
-            if not place.is_file() or place.read_bytes() != text.encode():
-                place.write_text(text, encoding="utf-8", newline="\n")
+            if path != MANIFEST:
+                _put(folder / path, text)
+        _put(folder / MANIFEST, project.files[MANIFEST])
     except OSError as error:
         where = error.filename if error.filename is not None else folder
         raise InputError(f"{where}: {error.strerror}; give --out a folder that can be written") from None
+
+
+def _put(place: Path, text: str) -> None:
+    """Write a file that is not this text already: all of it or nothing; a link's target is somebody else's."""
+    if not place.is_symlink() and place.is_file() and place.read_bytes() == text.encode():
+        return
+    place.parent.mkdir(parents=True, exist_ok=True)
+    part = place.with_name(place.name + _PART)
+    part.write_text(text, encoding="utf-8", newline="\n")
+    part.replace(place)
+
+
+def _unfinished(project: Project, before: Mapping[str, frozenset[str]]) -> str:
+    """Return the manifest while files are written: who breaks in can write again, over all that is named here."""
+    told = json.loads(project.files[MANIFEST])
+    return json.dumps(told | {"replaces": {path: sorted(digests) for path, digests in sorted(before.items())}})
 
 
 def drop_build(folder: Path) -> None:
@@ -158,7 +177,7 @@ def drop_build(folder: Path) -> None:
         shutil.rmtree(build)
 
 
-def _refuse_others(folder: Path, before: Mapping[str, str]) -> None:
+def _refuse_others(folder: Path, before: Mapping[str, frozenset[str]]) -> None:
     """Refuse a folder that holds what this has not written, or what somebody has changed since."""
     if not folder.exists():
         return
@@ -168,9 +187,11 @@ def _refuse_others(folder: Path, before: Mapping[str, str]) -> None:
             continue
         if before and name.split("/", 1)[0] == BUILD and name != BUILD:
             continue
+        if name.removesuffix(_PART) != name and name.removesuffix(_PART) in {*before, MANIFEST}:
+            continue
         if name not in before and name != MANIFEST:
             raise InputError(f"{folder}: holds other files ({plain(name)}); give --out another folder, or give --force")
-        if name != MANIFEST and (path.is_symlink() or _digest(path) != before[name]):
+        if name != MANIFEST and (path.is_symlink() or _digest(path) not in before[name]):
             raise InputError(
                 f"{path}: was changed since it was written; keep it elsewhere, or give --force to overwrite it"
             )
@@ -178,22 +199,26 @@ def _refuse_others(folder: Path, before: Mapping[str, str]) -> None:
         raise InputError(f"{folder / MANIFEST}: is not of this program; give --out another folder, or give --force")
 
 
-def _written_before(folder: Path) -> dict[str, str]:
+def _written_before(folder: Path) -> dict[str, frozenset[str]]:
     """Return the files that this program wrote into a folder, with the digests of what it wrote."""
     try:
         told = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        files = told["files"]
-    except (OSError, ValueError, KeyError, TypeError):
+        files = {path: {str(digest)} for path, digest in told["files"].items()}
+        for path, digests in told.get("replaces", {}).items():
+            files.setdefault(path, set()).update(map(str, digests))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}
-    if not isinstance(files, dict):
-        return {}
-    return {path: str(digest) for path, digest in files.items() if _inside(path)}
+    return {path: frozenset(digests) for path, digests in files.items() if _inside(path)}
 
 
 def _inside(path: str) -> bool:
     """Tell whether a path stays in the folder that it is relative to."""
     parts = PurePosixPath(path).parts
     return 0 < len(parts) <= 3 and not path.startswith("/") and ".." not in parts
+
+
+def _digest_of(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _digest(path: Path) -> str:
@@ -228,6 +253,6 @@ def _manifest(
             "text": controller_text(controller),
         },
         "sizes": sizes,
-        "files": {path: hashlib.sha256(text.encode()).hexdigest() for path, text in sorted(files.items())},
+        "files": {path: _digest_of(text) for path, text in sorted(files.items())},
     }
     return json.dumps(told, indent=2, ensure_ascii=True) + "\n"
