@@ -22,7 +22,7 @@ class SvRegister(ctypes.Structure):
 
 
 class SvSetting(ctypes.Structure):
-    _fields_ = (("reg", SvRegister), ("value", c_int32))
+    _fields_ = (("reg", SvRegister), ("value", c_uint16))
 
 
 class SvCheck(ctypes.Structure):

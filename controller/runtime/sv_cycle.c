@@ -223,7 +223,7 @@ void sv_cycle_step(const sv_cycle* cycle, const sv_goal* goal, sv_cycle_state* s
         terminals[i] = px;
         break;
       case SV_TERMINAL_PY:
-        terminals[i] = py;
+        terminals[i] = SV_HAS(SV_TERMINAL_KINDS, SV_TERMINAL_PY) ? py : 0.0F;
         break;
       case SV_TERMINAL_GOAL_MET:
         terminals[i] = state->goal_met ? 1.0F : 0.0F;

@@ -11,10 +11,8 @@ static const float kMicro = 1.0e-6F;
 static float sv_limit(float x, float limit) { return x > limit ? limit : (x < -limit ? -limit : x); }
 
 int32_t sv_homing_periods(float angle_scale, int32_t start, int32_t neutral, float step_rad) {
-  const float scale = angle_scale < 0.0F ? -angle_scale : angle_scale;
-  const int32_t way = start < neutral ? neutral - start : start - neutral;
-  const float travel = (float)way * scale;
-  const float periods = travel / step_rad;
+  const float way = (float)(neutral - start) * angle_scale;
+  const float periods = (way < 0.0F ? -way : way) / step_rad;
   if (!(periods < (float)SV_MOVE_MAX)) {
     return SV_MOVE_MAX;
   }
@@ -26,18 +24,16 @@ int32_t sv_homing_goal(int32_t start, int32_t neutral, int32_t k, int32_t nmove)
   if (k + 1 >= nmove) {
     return neutral;
   }
-  // way * done / all in 32 bits: way in two bytes
+  // from the lower end, whichever way: low + way * done / all in 32 bits, way in two bytes
+  const int32_t low = start < neutral ? start : neutral;
   const uint32_t way = (uint32_t)(start < neutral ? neutral - start : start - neutral) & 0xFFFFU;
-  const uint32_t done = (uint32_t)(k + 1);
+  const uint32_t done = (uint32_t)(start < neutral ? k + 1 : nmove - (k + 1));
   const uint32_t all = (uint32_t)nmove;
   const uint32_t high = (way >> 8) * done;
   const uint32_t rest = ((high % all) << 8) + (way & 0xFFU) * done;
-  const int32_t whole = (int32_t)(((high / all) << 8) + rest / all);
+  const int32_t goal = low + (int32_t)(((high / all) << 8) + rest / all);
   const uint32_t twice = 2U * (rest % all);
-  // half to even: of the goal, not of the way
-  const int32_t goal = start < neutral ? start + whole : start - whole;
-  const int32_t onward = twice > all || (twice == all && goal % 2 != 0);
-  return goal + (start < neutral ? onward : -onward);
+  return goal + (twice > all || (twice == all && goal % 2 != 0));
 }
 
 // Return how far a joint is from neutral, by the shorter way where it may turn for ever [rad].

@@ -36,7 +36,7 @@ typedef struct {
 
 typedef struct {
   sv_register reg;
-  int32_t value;  // counts
+  uint16_t value;  // counts
 } sv_setting;
 
 typedef enum { SV_WARNING = 0, SV_ERROR = 1 } sv_level;
