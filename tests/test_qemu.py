@@ -331,7 +331,7 @@ def test_an_image_that_never_waits_is_told_of(tried, monkeypatch):
     monkeypatch.setattr(qemu, "NOTHING_S", 0.3)
     machine = Qemu(*tried)
     try:
-        machine.stub.write_memory(machine.symbol("board_start_ticks").address, b"\xfe\xe7")  # b .
+        machine.stub.write_memory(machine.symbol("sv_hal_reset_cause").address, b"\xfe\xe7")  # b .
         with pytest.raises(RunError, match=r"without coming to wait"):
             machine.resume(Given(0))
     finally:

@@ -38,13 +38,19 @@ __attribute__((noreturn)) void board_die(int32_t cause);
 // Of startup.c: the handler of faults, and of interrupts that nobody serves.
 __attribute__((noreturn)) void board_fault(void);
 
-// Of startup.c: begin to tick, once a millisecond.
-void board_start_ticks(uint32_t core_khz);
+// Of startup.c: how long the main loop may still be silent [ms]; 0: it has never been heard.
+extern volatile int32_t board_fed_ms;
 
-// Of startup.c: the main loop is well.
-void board_fed(void);
+// Begin to tick, once a millisecond.
+static inline void board_start_ticks(uint32_t core_khz) {
+  volatile uint32_t* systick = (volatile uint32_t*)0xE000E010U;
+  systick[1] = core_khz - 1U;
+  systick[2] = 0U;
+  systick[0] = 7U;
+}
 
-// Of startup.c: why board_die was called before this reset, sv_reset_cause; SV_RESET_POWER if it was not.
-int32_t board_died_of(void);
+// Of startup.c: why board_die was called before this reset, sv_reset_cause; SV_RESET_POWER if it was not. A board that
+// knows better from its own flags says so in sv_hal_init.
+extern int32_t board_reset_cause;
 
 #endif  // BOARD_H_

@@ -14,14 +14,11 @@
 #include "sv_hal.h"
 
 #define REG(address) (*(volatile uint32_t*)(address))
-#define SYST_CSR REG(0xE000E010U)
-#define SYST_RVR REG(0xE000E014U)
-#define SYST_CVR REG(0xE000E018U)
 #define SCB_VTOR REG(0xE000ED08U)
 #define SCB_AIRCR REG(0xE000ED0CU)
 
 #define ROUNDS 3  // torque off is said so often: a servo that was answering talked over the first
-#define MAGIC 0x746F7271U
+#define DEAD 0x5A5A5A5AU
 
 extern uint32_t board_stack_top[], board_data_begin[], board_data_end[], board_data_stored[];
 extern uint32_t board_zero_begin[], board_zero_end[];
@@ -37,11 +34,11 @@ void* memmove(void* to, const void* from, size_t n);
 void* memset(void* to, int value, size_t n);
 int memcmp(const void* a, const void* b, size_t n);
 
-// survives a reset: MAGIC, and why the board died
-static uint32_t board_cause[2] __attribute__((section(".noinit")));
+// both survive a reset: DEAD if the board has died, and of what
+static uint32_t board_state __attribute__((section(".noinit")));
+int32_t board_reset_cause __attribute__((section(".noinit")));
 
-static volatile int32_t fed_ms;  // how long the main loop may still be silent; 0: it has never been heard
-static volatile uint8_t dying;
+volatile int32_t board_fed_ms;
 
 // the core's: stack, reset, NMI, faults, …, SysTick; the board's follow them
 __attribute__((section(".vectors"), used)) static const struct {
@@ -69,6 +66,8 @@ __attribute__((naked, noreturn)) void board_reset(void) {
 __attribute__((noreturn, used)) void board_begin(void) {
   memcpy(board_data_begin, board_data_stored, (size_t)((uint8_t*)board_data_end - (uint8_t*)board_data_begin));
   memset(board_zero_begin, 0, (size_t)((uint8_t*)board_zero_end - (uint8_t*)board_zero_begin));
+  board_reset_cause = board_state == DEAD ? board_reset_cause : SV_RESET_POWER;
+  board_state = 0U;
   SCB_VTOR = (uint32_t)&vectors;
   (void)main();
   board_die(SV_RESET_FAULT);
@@ -90,19 +89,18 @@ __attribute__((naked, noreturn)) void board_fault(void) {
 }
 
 void board_on_tick(void) {
-  if (fed_ms > 0) {
-    fed_ms--;
-    if (fed_ms == 0) {
+  if (board_fed_ms > 0) {
+    board_fed_ms--;
+    if (board_fed_ms == 0) {
       board_die(SV_RESET_WATCHDOG);
     }
   }
 }
 
 __attribute__((noreturn, used)) void board_last_words(int32_t cause) {
-  if (!dying) {
-    dying = 1U;
-    board_cause[0] = MAGIC;
-    board_cause[1] = (uint32_t)cause;
+  if (board_state != DEAD) {
+    board_state = DEAD;
+    board_reset_cause = cause;
     for (int32_t i = 0; i < ROUNDS; i++) {
       sv_robot_panic();
     }
@@ -113,19 +111,7 @@ __attribute__((noreturn, used)) void board_last_words(int32_t cause) {
   }
 }
 
-int32_t board_died_of(void) {
-  const int32_t cause = board_cause[0] == MAGIC ? (int32_t)board_cause[1] : SV_RESET_POWER;
-  board_cause[0] = 0U;
-  return cause;
-}
-
-void board_start_ticks(uint32_t core_khz) {
-  SYST_RVR = core_khz - 1U;
-  SYST_CVR = 0U;
-  SYST_CSR = 7U;
-}
-
-void board_fed(void) { fed_ms = BOARD_FED_MS; }
+int32_t sv_hal_reset_cause(void) { return board_reset_cause; }
 
 // what compilers call where there is no libc; plain loops, which must not be turned into calls of themselves
 #if defined(__GNUC__) && !defined(__clang__)

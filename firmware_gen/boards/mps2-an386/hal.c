@@ -57,16 +57,12 @@ void board_on_console(void);
 BOARD_EXTERNAL external[] = {[0] = board_on_bus, [1] = board_fault,      [2] = board_on_sensors,
                              [3] = board_fault,  [4] = board_on_console, [5] = board_send_answers};
 
-static int32_t reset_cause;
-static uint8_t watched;
-
 static void start_line(uart* line, int32_t baud) {
   line->bauddiv = (uint32_t)((CORE_HZ + baud / 2) / baud);
   line->ctrl = CTRL_TX | CTRL_RX | CTRL_RXINT;
 }
 
 void sv_hal_init(void) {
-  reset_cause = board_died_of();
   // the counter counts microseconds
   FPGAIO_PRESCALE = CORE_HZ / 1000000U - 1U;
   start_line(UART0, SV_BAUD(&servolve_rig));
@@ -133,16 +129,13 @@ void board_on_nmi(void) { board_die(SV_RESET_WATCHDOG); }
 
 // NMI after 0.2 s, behind the tick's own 0.1 s; a reset after as much again
 void sv_hal_feed_watchdog(void) {
-  board_fed();
   WDOG_LOCK = 0x1ACCE551U;
-  if (!watched) {
-    watched = 1U;
+  if (board_fed_ms == 0) {
     WDOG_LOAD = CORE_HZ / 5U;
     WDOG_INTCLR = 1U;
     WDOG_CONTROL = 3U;
   }
+  board_fed_ms = BOARD_FED_MS;
   WDOG_INTCLR = 1U;
   WDOG_LOCK = 0U;
 }
-
-int32_t sv_hal_reset_cause(void) { return reset_cause; }

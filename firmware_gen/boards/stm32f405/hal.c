@@ -31,19 +31,12 @@
 #endif
 #define HSI_MHZ 16  // the chip's own oscillator
 #define CORE_KHZ 168000U
-#define APB1_HZ 42000000  // its timers count twice as fast
-#define APB2_HZ 84000000
-#define SENSOR_BAUD 115200
-#define CONSOLE_BAUD 1000000
+#define APB1_HZ 42000000U  // its timers count twice as fast
+#define APB2_HZ 84000000U
+#define SENSOR_BAUD 115200U
+#define CONSOLE_BAUD 1000000U
 
 #define REG(address) (*(volatile uint32_t*)(address))
-#define RCC_CR REG(0x40023800U)
-#define RCC_PLLCFGR REG(0x40023804U)
-#define RCC_CFGR REG(0x40023808U)
-#define RCC_AHB1ENR REG(0x40023830U)
-#define RCC_APB1ENR REG(0x40023840U)
-#define RCC_APB2ENR REG(0x40023844U)
-#define RCC_CSR REG(0x40023874U)
 #define FLASH_ACR REG(0x40023C00U)
 #define PWR_CR REG(0x40007000U)
 #define EXTI_IMR REG(0x40013C00U)
@@ -59,6 +52,11 @@
 #define NVIC_ISER(n) REG(0xE000E100U + 4U * (n))
 
 typedef struct {
+  volatile uint32_t cr, pllcfgr, cfgr, cir, rstr[8], ahb1enr, ahb2enr, ahb3enr, unused1, apb1enr, apb2enr, unused2[2];
+  volatile uint32_t lpenr[8], bdcr, csr;
+} rcc;
+
+typedef struct {
   volatile uint32_t sr, dr, brr, cr1, cr2, cr3;
 } usart;
 
@@ -66,6 +64,7 @@ typedef struct {
   volatile uint32_t moder, otyper, ospeedr, pupdr, idr, odr, bsrr, lckr, afr[2];
 } gpio;
 
+#define RCC ((rcc*)0x40023800U)
 #define USART1 ((usart*)0x40011000U)
 #define USART3 ((usart*)0x40004800U)
 #define USART6 ((usart*)0x40011400U)
@@ -132,9 +131,9 @@ typedef struct {
 // in this order; what stands beside is as a reset leaves it
 static const setting kSettings[] = {
     // clocks of GPIOB and GPIOC, of TIM2, USART3 and PWR, of USART1 and USART6
-    {&RCC_AHB1ENR, 1U << 1 | 1U << 2},
-    {&RCC_APB1ENR, 1U << 0 | 1U << 18 | 1U << 28},
-    {&RCC_APB2ENR, 1U << 4 | 1U << 5},
+    {&RCC->ahb1enr, 1U << 1 | 1U << 2},
+    {&RCC->apb1enr, 1U << 0 | 1U << 18 | 1U << 28},
+    {&RCC->apb2enr, 1U << 4 | 1U << 5},
     // the supply's detector, at its highest level: 2.9 V
     {&PWR_CR, 7U << 5 | 1U << 4},
     // AF 7 on PB6, PB7, PB11; AF 8 on PC6, PC7
@@ -150,17 +149,15 @@ static const setting kSettings[] = {
     {&GPIOC->moder, 2U << 12 | 2U << 14},
     {&USART1->cr3, BUS_WIRES == 1 ? CR3_HDSEL : 0U},
     {&USART1->cr1, CR1_RUN},
-    {&USART3->brr, (APB1_HZ + SENSOR_BAUD / 2) / SENSOR_BAUD},
+    {&USART3->brr, (APB1_HZ + SENSOR_BAUD / 2U) / SENSOR_BAUD},
     {&USART3->cr1, CR1_RUN},
-    {&USART6->brr, (APB2_HZ + CONSOLE_BAUD / 2) / CONSOLE_BAUD},
+    {&USART6->brr, (APB2_HZ + CONSOLE_BAUD / 2U) / CONSOLE_BAUD},
     {&USART6->cr1, CR1_RUN},
 };
 
 static const uint8_t kNoCrystal[] = "no crystal: clock within 4 %\r\n";
 
-static int32_t reset_cause;
 static uint8_t is_silicon;  // or an emulator without an RCC, and without pins
-static uint8_t watched;
 
 static int32_t wait_for(volatile uint32_t* reg, uint32_t bit) {
   for (int32_t round = 0; round < PATIENCE; round++) {
@@ -174,36 +171,35 @@ static int32_t wait_for(volatile uint32_t* reg, uint32_t bit) {
 // the crystal, or else the chip's own oscillator => PLL => 168 MHz, APB2 84 MHz, APB1 42 MHz; return whether there is a
 // crystal
 static int32_t start_clock(void) {
-  RCC_CR |= CR_HSEON;
-  const int32_t crystal = wait_for(&RCC_CR, CR_HSERDY);
+  RCC->cr |= CR_HSEON;
+  const int32_t crystal = wait_for(&RCC->cr, CR_HSERDY);
   // VCO 336 MHz from an input of 1 MHz, halved; bit 29 is reserved, and set by a reset; voltage scale 1 is the reset's
-  RCC_PLLCFGR = 1U << 29 | 7U << 24 | 336U << 6 | (crystal ? PLLCFGR_HSE | HSE_MHZ : HSI_MHZ);
-  RCC_CR |= crystal ? CR_PLLON | CR_CSSON : CR_PLLON;
+  RCC->pllcfgr = 1U << 29 | 7U << 24 | 336U << 6 | (crystal ? PLLCFGR_HSE | HSE_MHZ : HSI_MHZ);
+  RCC->cr |= crystal ? CR_PLLON | CR_CSSON : CR_PLLON;
   // 5 wait states, prefetch, both caches: in force long before the PLL is
   FLASH_ACR = 0x705U;
-  RCC_CFGR = 5U << 10 | 4U << 13;
-  (void)wait_for(&RCC_CR, CR_PLLRDY);
-  RCC_CFGR |= CFGR_PLL;
-  (void)wait_for(&RCC_CFGR, CFGR_PLL_USED);
+  RCC->cfgr = 5U << 10 | 4U << 13;
+  (void)wait_for(&RCC->cr, CR_PLLRDY);
+  RCC->cfgr |= CFGR_PLL;
+  (void)wait_for(&RCC->cfgr, CFGR_PLL_USED);
   return crystal;
 }
 
 void sv_hal_init(void) {
-  // why: the board's own memory knows of what this code has noticed, the flags of the watchdog that needs no code
-  reset_cause = board_died_of();
-  if (reset_cause == SV_RESET_POWER && (RCC_CSR & CSR_IWDGRSTF) != 0U) {
-    reset_cause = SV_RESET_WATCHDOG;
+  // what this code has noticed is known already; the flags know of the watchdog that needs no code
+  if (board_reset_cause == SV_RESET_POWER && (RCC->csr & CSR_IWDGRSTF) != 0U) {
+    board_reset_cause = SV_RESET_WATCHDOG;
   }
-  RCC_CSR |= CSR_RMVF;
+  RCC->csr |= CSR_RMVF;
   // on silicon at least HSION is set
-  is_silicon = RCC_CR != 0U;
+  is_silicon = RCC->cr != 0U;
   for (int32_t i = 0; i < (int32_t)(sizeof kSettings / sizeof *kSettings); i++) {
     *kSettings[i].reg |= kSettings[i].bits;
   }
-  USART1->brr = (uint32_t)((APB2_HZ + SV_BAUD(&servolve_rig) / 2) / SV_BAUD(&servolve_rig));
+  USART1->brr = (APB2_HZ + (uint32_t)SV_BAUD(&servolve_rig) / 2U) / (uint32_t)SV_BAUD(&servolve_rig);
   const int32_t crystal = !is_silicon || start_clock();
   // microseconds, for ever; QEMU's timers count at 1 GHz
-  TIM2_PSC = is_silicon ? 2 * APB1_HZ / 1000000 - 1 : 999;
+  TIM2_PSC = is_silicon ? 2U * APB1_HZ / 1000000U - 1U : 999U;
   TIM2_ARR = 0xFFFFFFFFU;
   TIM2_EGR = 1U;
   TIM2_CR1 = 1U;
@@ -231,16 +227,23 @@ uint32_t sv_hal_inputs(void) {
   return stop | start;
 }
 
+// the buffer, where there is one: to the servos while sending
+static void turn(int32_t sending) {
+  if (BUS_WIRES == 2) {
+    GPIOB->bsrr = sending ? 1U << PIN_DIRECTION : 1U << (PIN_DIRECTION + 16);
+  }
+}
+
 // deaf meanwhile, since one wire hears what it says
 __attribute__((noinline)) int32_t board_send_bus(const uint8_t* data, int32_t size) {
   int32_t n = 0;
   USART1->cr1 = CR1_UE | CR1_TE;
-  GPIOB->bsrr = 1U << PIN_DIRECTION;
+  turn(1);
   while (n < size && wait_for(&USART1->sr, SR_TXE)) {
     USART1->dr = data[n++];
   }
   (void)wait_for(&USART1->sr, SR_TC);
-  GPIOB->bsrr = 1U << (PIN_DIRECTION + 16);
+  turn(0);
   USART1->cr1 = CR1_RUN;
   return n;
 }
@@ -276,15 +279,12 @@ void board_on_nmi(void) { board_die(SV_RESET_CLOCK); }
 // LSI 17..47 kHz, divided by 16: 0.17 to 0.47 s, after the tick's own 0.1 s; once started it never stops. What PR and
 // RLR are set to is taken over without being waited for
 void sv_hal_feed_watchdog(void) {
-  board_fed();
-  if (!watched) {
-    watched = 1U;
+  if (board_fed_ms == 0) {
     IWDG_KR = 0xCCCCU;
     IWDG_KR = 0x5555U;
     IWDG_PR = 2U;
     IWDG_RLR = 500U;
   }
+  board_fed_ms = BOARD_FED_MS;
   IWDG_KR = 0xAAAAU;
 }
-
-int32_t sv_hal_reset_cause(void) { return reset_cause; }
