@@ -312,10 +312,19 @@ def test_an_image_takes_what_is_on_record_and_its_sizes_are_as_binutils_counts_t
     assert {key: told[key] for key in found} == found
     above = [f"{key} = {size}" for key, size in found.items() if size > 1.1 * IMAGES[board][key]]
     assert not above, f"write into tests/golden/image_sizes.toml if that is meant: {above}"
+    assert found["text_bytes"] <= 16384, "vectors and constants too"
     assert found["ram_bytes"] <= 4096, "all of it, the stack too"
 
 
 # the page
+
+
+def test_the_page_says_what_is_on_record_of_an_image():
+    page = " ".join((Path(__file__).parent.parent / "docs" / "firmware.md").read_text().split())
+    said = re.search(r"an image takes ([\d.]+) KiB of flash and ([\d,]+) bytes of RAM", page)
+    recorded = IMAGES["stm32f405"]
+    assert 1024 * float(said[1]) == pytest.approx(recorded["text_bytes"], rel=0.05)
+    assert int(said[2].replace(",", "")) == pytest.approx(recorded["ram_bytes"], rel=0.05)
 
 
 def test_the_page_lists_every_board_and_command_and_its_example_is_one(tmp_path):
