@@ -7,8 +7,10 @@ from firmware_runs import Task, firmware_run, host_run
 from rig_bench import torque_read_back
 
 from controller import load_rig, parse_controller
+from controller.rig_file import parse_rig
 from deploy.replay import replay
 from deploy.states import State
+from firmware_gen.projects.joint_config import servo_kinds
 
 
 def swaying(rig):
@@ -25,12 +27,17 @@ def swaying(rig):
     )
 
 
-def task(name):
-    rig = load_rig(name)
-    return Task(rig, swaying(rig), 0.3)
+def mixed():
+    """Return a lamp of two products, and of two torque ceilings with one of them."""
+    lamp = load_rig("lamp-xl330")
+    _, second, third = lamp.text.split("[[joint]]")[1:]
+    text = lamp.text.replace('name = "lamp-xl330"', 'name = "lamp-mixed"')
+    text = text.replace(second, second.replace("xl330-m288", "xc330-m181"))
+    return parse_rig(text.replace(third, third.replace("pwm_limit = 885", "pwm_limit = 800")), lamp.path)
 
 
-TASKS = {name: task(name) for name in ("lamp-xl330", "lamp-xl430", "jumper-xc330")}
+RIGS = (*map(load_rig, ("lamp-xl330", "lamp-xl430", "jumper-xc330")), mixed())
+TASKS = {rig.name: Task(rig, swaying(rig), 0.3) for rig in RIGS}
 
 
 @pytest.mark.parametrize("name", TASKS)
@@ -61,3 +68,9 @@ def test_a_fault_of_a_rig_that_is_driven_by_speed_ends_where_the_host_loops_ends
     assert rough[0] == rough[1]
     assert torque_read_back(twin.virtual) == torque_read_back(host.virtual)
     assert host.outcome.faulty or fault.startswith("wrap")
+
+
+def test_servos_of_one_product_and_setting_are_one_to_the_firmware():
+    kinds = {name: servo_kinds(task.rig) for name, task in TASKS.items()}
+    assert kinds["lamp-xl330"] == (0, 0, 0)
+    assert kinds["lamp-mixed"] == (0, 1, 2)

@@ -24,7 +24,6 @@ from deploy.joint_counts import goal_limits, joint_angle, joint_count, joint_spe
 from deploy.safety import judge_hardware_error
 from deploy.servo_findings import setting_findings, state_findings
 from deploy.torque import settings_in_ram
-from firmware_gen.projects.joint_config import servo_kinds
 from firmware_gen.projects.plain import plain
 from firmware_gen.projects.rig_config import require_speakable, rig_source
 from firmware_gen.transpiler.literals import literal
@@ -159,14 +158,6 @@ def the_axis_is_the_joints(axis, joint):
         assert axis.low_rad < -3e38 and axis.high_rad > 3e38
     else:
         assert (axis.low_rad, axis.high_rad) == (single(joint.low_rad), single(joint.high_rad))
-
-
-def test_joints_share_their_servo_where_all_is_the_same():
-    same = load_rig("lamp-xc330")
-    first, *others = same.joints
-    assert servo_kinds(same) == (0, 0, 0)
-    weaker = replace(same, joints=(first, replace(others[0], ceiling=others[0].ceiling - 1), *others[1:]))
-    assert servo_kinds(weaker) == (0, 1, 0)
 
 
 def test_what_a_joint_may_do_is_the_host_loops_in_counts(built):
