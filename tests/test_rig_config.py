@@ -29,8 +29,8 @@ from firmware_gen.projects.rig_config import require_speakable, rig_source
 from firmware_gen.transpiler.literals import literal
 
 RIGS = [name for name in rig_names() if load_rig(name).bus.protocol in ("dynamixel-2.0", "feetech-sts")]
-KINDS = (*("", "absent", "corrupt", "model", "unreadable"), *("setting", "voltage", "temperature", "position"))
-KINDS += ("torque", "hardware", "sensor", "derate", "watchdog", "late", "low limit", "high limit")
+KINDS = {6: "setting", 7: "low limit", 8: "high limit", 9: "voltage", 10: "temperature", 11: "position"}
+KINDS |= {12: "hardware", 32: "torque"}
 ENCODINGS = {0: "unsigned", 1: "twos", 10: "sign10", 11: "sign11", 15: "sign15"}
 
 

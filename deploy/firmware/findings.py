@@ -26,19 +26,25 @@ class Kind(IntEnum):
     CORRUPT = 2
     MODEL = 3
     UNREADABLE = 4
-    SETTING = 5
-    VOLTAGE = 6
-    TEMPERATURE = 7
-    POSITION = 8
-    TORQUE = 9
-    HARDWARE = 10
-    SENSOR = 11
-    DERATE = 12
-    WATCHDOG = 13
-    LATE = 14
-    LOW_LIMIT = 15
-    HIGH_LIMIT = 16
+    GARBLED = 5
+    SETTING = 6
+    LOW_LIMIT = 7
+    HIGH_LIMIT = 8
+    VOLTAGE = 9
+    TEMPERATURE = 10
+    POSITION = 11
+    HARDWARE = 12
+    SENSOR = 13
+    DERATE = 14
+    LATE = 15
+    TORQUE = 32
+    WATCHDOG = 33
+    SLOW = 34
+    OLD = 35
 
+
+_WARNINGS: Final = Kind.TORQUE
+"""Numbers of warnings begin here."""
 
 _SETTINGS: Final = frozenset({Kind.SETTING, Kind.LOW_LIMIT, Kind.HIGH_LIMIT})
 """Findings of a register that holds the wrong count."""
@@ -83,7 +89,7 @@ def finding(found: Found, rig: Rig, label: str, values: Mapping[str, int]) -> Fi
     Returns:
         the finding; of a number that this servolve does not know, the numbers
     """
-    level: Literal["error", "warning"] = "error" if found.level else "warning"
+    level: Literal["error", "warning"] = "error" if found.finding < _WARNINGS else "warning"
     try:
         said = _of_rig(found, rig, label)
         if said is None and found.joint < len(rig.joints):
@@ -98,15 +104,15 @@ def finding(found: Found, rig: Rig, label: str, values: Mapping[str, int]) -> Fi
 
 def _of_rig(found: Found, rig: Rig, label: str) -> Finding | str | None:
     """Return what is about no servo."""
-    if found.finding == Kind.SENSOR:
+    if found.finding in (Kind.SENSOR, Kind.OLD):
         age_s = math.inf if found.value < 0 else 1e-6 * found.value
-        needed = frozenset({found.joint} if found.level else ())
+        needed = frozenset({found.joint} if found.finding == Kind.SENSOR else ())
         return check_sensors(rig, cast(SensorReader, _Ages(found.joint, age_s)), needed, 0.0)[0]
     if found.finding == Kind.DERATE:
         return check_derating(rig, 0.5)[0]
     if found.finding == Kind.WATCHDOG:
         return check_watchdogs(rig)[0]
-    if found.finding == Kind.LATE and found.joint >= len(rig.joints):
+    if found.finding == Kind.SLOW:
         return (
             f"{label}: every reply comes at least {1e-3 * found.value:.0f} ms later than the line needs; set the "
             "adapter's latency timer to 1 ms"
@@ -142,10 +148,11 @@ def _of_line(found: Found, rig: Rig, joint: Joint, label: str) -> str | None:
             f"{named}: is a model {found.value}, the rig says {joint.product.name} (model "
             f"{joint.product.model_number}); connect the right servo or correct the rig"
         )
-    if found.finding == Kind.UNREADABLE:
-        corrupt = f", answers are corrupt: two servos may share id {joint.id}" if found.value else ""
+    if found.finding in (Kind.UNREADABLE, Kind.GARBLED):
+        corrupt = f", answers are corrupt: two servos may share id {joint.id}" if found.finding == Kind.GARBLED else ""
+        last = found.address + found.value - 1
         return (
-            f"{named}: the registers {found.low} to {found.high} could not be read{corrupt}; check cables, ground and "
+            f"{named}: the registers {found.address} to {last} could not be read{corrupt}; check cables, ground and "
             "other masters on the bus"
         )
     return None
@@ -154,7 +161,7 @@ def _of_line(found: Found, rig: Rig, joint: Joint, label: str) -> str | None:
 def _of_servo(found: Found, rig: Rig, joint: Joint, values: Mapping[str, int]) -> Finding | None:
     """Return what is about a servo's registers, from all of them."""
     if found.finding == Kind.HARDWARE:
-        said = judge_hardware_error(joint, found.value, None if found.low < 0 else found.low)
+        said = judge_hardware_error(joint, found.value, values.get(joint.family.shutdown))
         return Finding("error", said) if said else None
     if found.finding in _SETTINGS:
         table = registers(joint.product)
@@ -171,9 +178,9 @@ def _numbers(found: Found, rig: Rig) -> str:
     """Say a finding by its numbers, where the registers that it is about were not recorded."""
     named = _named(rig.joints[found.joint]) if found.joint < len(rig.joints) else "the rig"
     if found.finding in _SETTINGS:
-        return f"{named}: register {found.address} holds {found.value}; set it to {found.low} to {found.high}"
+        return f"{named}: register {found.address} holds {found.value}; rig check says what it must hold"
     kind = Kind(found.finding).name.lower() if found.finding in set(Kind) else f"finding {found.finding}"
-    return f"{named}: {kind}, {found.value} where {found.low} to {found.high} is right; see sv_reason.h of the firmware"
+    return f"{named}: {kind}, {found.value}; see sv_reason.h of the firmware"
 
 
 def _named(joint: Joint) -> str:

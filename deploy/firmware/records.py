@@ -11,6 +11,7 @@ FORMAT: Final = 2
 """`SV_RECORD_FORMAT`: what the records below are."""
 
 _VARINT_BYTES_MAX: Final = 5
+_WORD: Final = 0xFFFFFFFF
 
 
 @dataclass(frozen=True)
@@ -76,23 +77,17 @@ class Found:
 
     Args:
         t_us: since boot [us]
-        level: 0: a warning, 1: an error
-        finding: `sv_finding`
+        finding: `sv_finding`, a warning from 32 on
         joint: number of the joint or sensor, 255: none
         address: of a register
         value: what was found
-        low: least that is right
-        high: most that is right
     """
 
     t_us: int
-    level: int
     finding: int
     joint: int
     address: int
     value: int
-    low: int
-    high: int
 
 
 @dataclass(frozen=True)
@@ -103,16 +98,16 @@ class Started:
         t_us: since boot [us]
         goal_dist: distance of the goal, float32 [m]
         goal_bearing: its direction from the heading, float32 [rad]
-        periods: length of the run
         derate: part of the torque ceiling, float32
+        periods: length of the run
         armed: whether torque may be switched on
     """
 
     t_us: int
     goal_dist: float
     goal_bearing: float
-    periods: int
     derate: float
+    periods: int
     armed: int
 
 
@@ -175,16 +170,12 @@ class Event:
     Args:
         t_us: since boot [us]
         event: `sv_event`
-        joint: number of the joint, 255: none
         a: see sv_reason.h
-        b: likewise
     """
 
     t_us: int
     event: int
-    joint: int
     a: int
-    b: int
 
 
 @dataclass(frozen=True)
@@ -253,7 +244,7 @@ class _Reader:
         self.at = 0
 
     def take(self, size: int) -> bytes:
-        if self.at + size > len(self.data):
+        if not 0 <= size <= len(self.data) - self.at:
             raise _ShortError
         self.at += size
         return self.data[self.at - size : self.at]
@@ -275,10 +266,14 @@ class _Reader:
         return tuple(self.varint() for _ in range(count))
 
 
+def _started(reader: _Reader) -> Started:
+    t_us, dist, bearing, derate = reader.numbers("qfff")
+    return Started(t_us, dist, bearing, derate, *reader.varints(2))
+
+
 def _cycle(reader: _Reader, shape: Shape) -> Cycle:
     (t_us,) = reader.numbers("q")
-    k, late, read, compute, write = reader.varints(5)
-    (missed,) = reader.numbers("H")
+    k, late, read, compute, write, missed = reader.varints(6)
     raw = reader.varints(3 * shape.njoint + shape.nsensor)
     ages = reader.varints(shape.njoint + shape.nsensor)
     terminals, outputs = reader.numbers(f"{shape.ninput}I"), reader.numbers(f"{shape.noutput}I")
@@ -287,19 +282,27 @@ def _cycle(reader: _Reader, shape: Shape) -> Cycle:
 
 
 def _block(reader: _Reader, checked: bool) -> Block:
-    t_us, joint, address, size = reader.numbers("qBHB")
+    (t_us,) = reader.numbers("q")
+    joint, address, size = reader.varints(3)
     return Block(t_us, joint, address, reader.take(size), checked)
+
+
+def _end(reader: _Reader) -> End:
+    (t_us,) = reader.numbers("q")
+    numbers = list(reader.varints(11))
+    numbers[8] &= _WORD  # a count of bytes without a sign
+    return End(t_us, *numbers)
 
 
 _PARSERS: Final[Mapping[int, Callable[[_Reader, Shape], Record]]] = {
     1: lambda reader, _: Hello(*reader.numbers("BIIB")),
-    2: lambda reader, _: Change(*reader.numbers("qBBBBii")),
-    3: lambda reader, _: Found(*reader.numbers("qBBBHiii")),
-    4: lambda reader, _: Started(*reader.numbers("qffifB")),
+    2: lambda reader, _: Change(*reader.numbers("q"), *reader.varints(6)),
+    3: lambda reader, _: Found(*reader.numbers("q"), *reader.varints(4)),
+    4: lambda reader, _: _started(reader),
     5: _cycle,
     6: lambda reader, _: _block(reader, False),
-    7: lambda reader, _: Event(*reader.numbers("qBBii")),
-    8: lambda reader, _: End(*reader.numbers("qBBBiiiiiIIH")),
+    7: lambda reader, _: Event(*reader.numbers("q"), *reader.varints(2)),
+    8: lambda reader, _: _end(reader),
     9: lambda reader, _: _block(reader, True),
 }
 """Number of `sv_record_type` => what reads the body of such a record."""

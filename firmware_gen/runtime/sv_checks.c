@@ -13,24 +13,22 @@
 #define SV_LISTEN_STEPS 30
 #define SV_LISTEN_STEP_US 10000U
 
-// What has been found so far.
-typedef struct {
-  int32_t errors;
-  int32_t joint;      // of the first error
-  int32_t waited_us;  // shortest wait for an answer, beyond what line and servo need
-} sv_findings;
-
 typedef struct {
   uint8_t bytes[2][SV_BLOCK_MAX];
 } sv_tables;
 
-static void sv_find(sv_robot* robot, sv_findings* findings, int32_t finding, int32_t joint, int32_t address,
-                    int32_t value, int32_t low, int32_t high) {
-  if (findings->errors == 0) {
-    findings->joint = joint;
+// Tell of a finding; the first error ends the run, and the others are counted.
+static void sv_find(sv_robot* robot, int32_t finding, int32_t joint, int32_t address, int32_t value) {
+  sv_why* why = &robot->watch.why;
+  sv_log_finding(robot, finding, joint, address, value);
+  if (finding >= SV_FINDING_TORQUE) {
+    return;  // a warning
   }
-  findings->errors++;
-  sv_log_finding(robot, SV_ERROR, finding, joint, address, value, low, high);
+  if (why->reason != SV_REASON_NONE) {
+    why->a++;
+    return;
+  }
+  (void)sv_because(&robot->watch, SV_REASON_FINDING, joint, 0, 0);
 }
 
 static int32_t sv_ping(sv_robot* robot, int32_t joint, uint16_t* model) {
@@ -49,26 +47,23 @@ static int32_t sv_patient_ping_us(sv_robot* robot, int32_t joint) {
 }
 
 // Return whether the right servo is there.
-static int32_t sv_is_there(sv_robot* robot, sv_findings* findings, int32_t joint) {
+static int32_t sv_is_there(sv_robot* robot, int32_t joint) {
   uint16_t model = 0;
   int32_t status = SV_REPLY_MISSING;
   for (int32_t i = 0; i < SV_ATTEMPTS && status != SV_REPLY_DATA; i++) {
     status = sv_ping(robot, joint, &model);
   }
-  if (status == SV_REPLY_MISSING) {
-    const int32_t slow_us = sv_patient_ping_us(robot, joint);
-    sv_find(robot, findings, slow_us < 0 ? SV_FINDING_ABSENT : SV_FINDING_LATE, joint, 0, slow_us, 0, 0);
-    return 0;
+  if (status == SV_REPLY_DATA) {
+    const int32_t right = model == SV_SERVO(SV_RIG(robot), joint)->model;
+    if (!right) {
+      sv_find(robot, SV_FINDING_MODEL, joint, 0, model);
+    }
+    return right;
   }
-  if (status != SV_REPLY_DATA) {
-    sv_find(robot, findings, SV_FINDING_CORRUPT, joint, 0, 0, 0, 0);
-    return 0;
-  }
-  const uint16_t wanted = SV_SERVO(SV_RIG(robot), joint)->model;
-  if (model != wanted) {
-    sv_find(robot, findings, SV_FINDING_MODEL, joint, 0, model, wanted, wanted);
-  }
-  return model == wanted;
+  const int32_t slow_us = status == SV_REPLY_MISSING ? sv_patient_ping_us(robot, joint) : -1;
+  const int32_t silent = status == SV_REPLY_MISSING ? SV_FINDING_ABSENT : SV_FINDING_CORRUPT;
+  sv_find(robot, slow_us < 0 ? silent : SV_FINDING_LATE, joint, 0, slow_us);
+  return 0;
 }
 
 // Return how long an answer took beyond what line and servo need [us].
@@ -78,8 +73,9 @@ static int32_t sv_waited_us(const sv_rig* rig, const sv_reply* reply, uint32_t a
   return (int32_t)(reply->t_us - asked_us) - SV_DELAY_US_MAX - (int32_t)line_us;
 }
 
-// Read the tables of one servo; return whether that went well.
-static int32_t sv_read_tables(sv_robot* robot, sv_findings* findings, int32_t joint, sv_tables* tables) {
+// Read the tables of one servo: => tables, shortest wait beyond what line and servo need; return whether that went
+// well.
+static int32_t sv_read_tables(sv_robot* robot, int32_t joint, sv_tables* tables, int32_t* shortest_us) {
   for (int32_t n = 0; n < 2; n++) {
     const sv_block* block = SV_SERVO(SV_RIG(robot), joint)->tables + n;
     const uint32_t asked_us = sv_hal_now_us();
@@ -87,14 +83,14 @@ static int32_t sv_read_tables(sv_robot* robot, sv_findings* findings, int32_t jo
     int32_t status = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
     if (status == SV_REPLY_DATA) {
       const int32_t waited_us = sv_waited_us(SV_RIG(robot), &robot->bus.reply, asked_us, block->size);
-      findings->waited_us = waited_us < findings->waited_us ? waited_us : findings->waited_us;
+      *shortest_us = waited_us < *shortest_us ? waited_us : *shortest_us;
     }
     for (int32_t i = 1; i < SV_ATTEMPTS && status != SV_REPLY_DATA; i++) {
       status = sv_bus_read(&robot->bus, joint, block->address, block->size, tables->bytes[n]);
     }
     if (status != SV_REPLY_DATA) {
-      sv_find(robot, findings, SV_FINDING_UNREADABLE, joint, block->address, status == SV_REPLY_CORRUPT, block->address,
-              block->address + block->size - 1);
+      sv_find(robot, status == SV_REPLY_CORRUPT ? SV_FINDING_GARBLED : SV_FINDING_UNREADABLE, joint, block->address,
+              block->size);
       return 0;
     }
     sv_log_block(robot, SV_RECORD_READING, joint, block, tables->bytes[n]);
@@ -112,7 +108,7 @@ static int32_t sv_held(const sv_servo* servo, const sv_tables* tables, const sv_
 }
 
 // Compare one servo's registers with their rows.
-static void sv_compare(sv_robot* robot, sv_findings* findings, int32_t number, const sv_tables* tables) {
+static void sv_compare(sv_robot* robot, int32_t number, const sv_tables* tables) {
   const sv_servo* servo = SV_SERVO(SV_RIG(robot), number);
   const sv_joint* joint = SV_RIG(robot)->joints + number;
   for (int32_t i = 0; i < servo->ncheck; i++) {
@@ -130,16 +126,9 @@ static void sv_compare(sv_robot* robot, sv_findings* findings, int32_t number, c
       low = joint->goal_high;
       high = INT32_MAX;
     }
-    if (meant >= low && meant <= high) {
-      continue;
+    if (meant < low || meant > high) {
+      sv_find(robot, check->kind, number, check->reg.address, held);
     }
-    if (check->kind == SV_FINDING_TORQUE) {
-      sv_log_finding(robot, SV_WARNING, check->kind, number, check->reg.address, held, low, high);
-      continue;
-    }
-    // a hardware error is told with the register that says whether it has taken the torque
-    low = check->kind == SV_FINDING_HARDWARE ? sv_held(servo, tables, &servo->shutdown) : low;
-    sv_find(robot, findings, check->kind, number, check->reg.address, held, low, high);
   }
 }
 
@@ -147,27 +136,28 @@ static void sv_compare(sv_robot* robot, sv_findings* findings, int32_t number, c
 static void sv_check_watchdogs(sv_robot* robot) {
   for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
     if (SV_SERVO(SV_RIG(robot), i)->watchdog.size == 0) {
-      sv_log_finding(robot, SV_WARNING, SV_FINDING_WATCHDOG, i, 0, 0, 0, 0);
+      sv_find(robot, SV_FINDING_WATCHDOG, i, 0, 0);
       return;
     }
   }
 }
 
-static void sv_check_servos(sv_robot* robot, sv_findings* findings) {
+static void sv_check_servos(sv_robot* robot) {
   sv_tables tables;
+  int32_t shortest_us = INT32_MAX;
   for (int32_t i = 0; i < SV_RIG(robot)->njoint; i++) {
-    if (sv_is_there(robot, findings, i) && sv_read_tables(robot, findings, i, &tables)) {
-      sv_compare(robot, findings, i, &tables);
+    if (sv_is_there(robot, i) && sv_read_tables(robot, i, &tables, &shortest_us)) {
+      sv_compare(robot, i, &tables);
     }
   }
-  if (findings->waited_us > SV_LATE_US_MAX && findings->waited_us < INT32_MAX) {
-    sv_log_finding(robot, SV_WARNING, SV_FINDING_LATE, SV_NOBODY, 0, findings->waited_us, 0, 0);
+  if (shortest_us > SV_LATE_US_MAX && shortest_us < INT32_MAX) {
+    sv_find(robot, SV_FINDING_SLOW, SV_NOBODY, 0, shortest_us);
   }
   sv_check_watchdogs(robot);
 }
 
 // Listen for a while, then compare what the sensor node has sent with what the rig promises.
-static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
+static void sv_check_sensors(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
   for (int32_t i = 0; i < SV_LISTEN_STEPS && rig->nsensor > 0; i++) {
     sv_wait_until(robot, sv_hal_now_us() + SV_LISTEN_STEP_US);
@@ -176,32 +166,25 @@ static void sv_check_sensors(sv_robot* robot, sv_findings* findings) {
   for (int32_t i = 0; i < rig->nsensor; i++) {
     const int32_t age_us = sv_lines_age_us(&robot->lines, SV_RIG(robot), i, sv_hal_now_us());
     const sv_sensor* sensor = rig->sensors + i;
-    if (sv_is_fresh(sensor, age_us)) {
-      continue;
-    }
-    if (sensor->needed) {
-      sv_find(robot, findings, SV_FINDING_SENSOR, i, 0, age_us, 0, sensor->age_us_max);
-    } else {
-      sv_log_finding(robot, SV_WARNING, SV_FINDING_SENSOR, i, 0, age_us, 0, sensor->age_us_max);
+    if (!sv_is_fresh(sensor, age_us)) {
+      sv_find(robot, sensor->needed ? SV_FINDING_SENSOR : SV_FINDING_OLD, i, 0, age_us);
     }
   }
 }
 
 // Object to a derated run of servos that have no torque ceiling to lower.
-static void sv_check_derating(sv_robot* robot, sv_findings* findings) {
+static void sv_check_derating(sv_robot* robot) {
   for (int32_t i = 0; i < SV_RIG(robot)->njoint && robot->wish.derate < 1.0F; i++) {
     if (SV_SERVO(SV_RIG(robot), i)->ceiling.size == 0) {
-      sv_find(robot, findings, SV_FINDING_DERATE, i, 0, 0, 0, 0);
+      sv_find(robot, SV_FINDING_DERATE, i, 0, 0);
       return;
     }
   }
 }
 
 int32_t sv_check_rig(sv_robot* robot) {
-  sv_findings findings = {0, SV_NOBODY, INT32_MAX};
-  sv_check_servos(robot, &findings);
-  sv_check_sensors(robot, &findings);
-  sv_check_derating(robot, &findings);
-  return sv_heed_stop(robot) ||
-         (findings.errors > 0 && sv_because(&robot->watch, SV_REASON_FINDING, findings.joint, findings.errors - 1, 0));
+  sv_check_servos(robot);
+  sv_check_sensors(robot);
+  sv_check_derating(robot);
+  return sv_heed_stop(robot) || robot->watch.why.reason != SV_REASON_NONE;
 }

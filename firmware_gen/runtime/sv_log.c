@@ -11,7 +11,20 @@ void sv_log_time(sv_robot* robot, uint32_t now_us) { robot->log_us += (int32_t)(
 static void sv_begin(sv_robot* robot, sv_record* record, int32_t type, uint32_t t_us) {
   sv_log_time(robot, t_us);
   sv_record_begin(record, type);
-  sv_record_i64(record, robot->log_us);
+  sv_record_u32(record, (uint32_t)robot->log_us);
+  sv_record_u32(record, (uint32_t)((uint64_t)robot->log_us >> 32));
+}
+
+static void sv_put(sv_record* record, const int32_t* numbers, int32_t n) {
+  for (int32_t i = 0; i < n; i++) {
+    sv_record_varint(record, numbers[i]);
+  }
+}
+
+static void sv_put_floats(sv_record* record, const float* numbers, int32_t n) {
+  for (int32_t i = 0; i < n; i++) {
+    sv_record_f32(record, numbers[i]);
+  }
 }
 
 static void sv_send(sv_robot* robot, sv_record* record) {
@@ -21,11 +34,12 @@ static void sv_send(sv_robot* robot, sv_record* record) {
   }
 }
 
-static void sv_put_reason(sv_record* record, const sv_why* why) {
-  sv_record_u8(record, (uint32_t)why->reason);
-  sv_record_u8(record, (uint32_t)why->joint);
-  sv_record_i32(record, why->a);
-  sv_record_i32(record, why->b);
+// Write a record of numbers.
+static void sv_tell(sv_robot* robot, int32_t type, const int32_t* numbers, int32_t n) {
+  sv_record record;
+  sv_begin(robot, &record, type, sv_hal_now_us());
+  sv_put(&record, numbers, n);
+  sv_send(robot, &record);
 }
 
 void sv_log_hello(sv_robot* robot) {
@@ -39,37 +53,24 @@ void sv_log_hello(sv_robot* robot) {
 }
 
 void sv_log_start(sv_robot* robot) {
+  const sv_wish* wish = &robot->wish;
+  const float floats[] = {wish->goal.goal_dist, wish->goal.goal_bearing, wish->derate};
+  const int32_t numbers[] = {wish->periods, wish->arm};
   sv_record record;
   sv_begin(robot, &record, SV_RECORD_START, sv_hal_now_us());
-  sv_record_f32(&record, robot->wish.goal.goal_dist);
-  sv_record_f32(&record, robot->wish.goal.goal_bearing);
-  sv_record_i32(&record, robot->wish.periods);
-  sv_record_f32(&record, robot->wish.derate);
-  sv_record_u8(&record, robot->wish.arm);
+  sv_put_floats(&record, floats, 3);
+  sv_put(&record, numbers, 2);
   sv_send(robot, &record);
 }
 
 void sv_log_state(sv_robot* robot, int32_t left, const sv_why* why) {
-  sv_record record;
-  sv_begin(robot, &record, SV_RECORD_STATE, sv_hal_now_us());
-  sv_record_u8(&record, (uint32_t)left);
-  sv_record_u8(&record, robot->state);
-  sv_put_reason(&record, why);
-  sv_send(robot, &record);
+  const int32_t numbers[] = {left, robot->state, why->reason, why->joint, why->a, why->b};
+  sv_tell(robot, SV_RECORD_STATE, numbers, 6);
 }
 
-void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joint, int32_t address, int32_t value,
-                    int32_t low, int32_t high) {
-  sv_record record;
-  sv_begin(robot, &record, SV_RECORD_FINDING, sv_hal_now_us());
-  sv_record_u8(&record, (uint32_t)level);
-  sv_record_u8(&record, (uint32_t)finding);
-  sv_record_u8(&record, (uint32_t)joint);
-  sv_record_u16(&record, (uint32_t)address);
-  sv_record_i32(&record, value);
-  sv_record_i32(&record, low);
-  sv_record_i32(&record, high);
-  sv_send(robot, &record);
+void sv_log_finding(sv_robot* robot, int32_t finding, int32_t joint, int32_t address, int32_t value) {
+  const int32_t numbers[] = {finding, joint, address, value};
+  sv_tell(robot, SV_RECORD_FINDING, numbers, 4);
 }
 
 void sv_log_cycle(sv_robot* robot, int32_t k) {
@@ -81,42 +82,35 @@ void sv_log_cycle(sv_robot* robot, int32_t k) {
     missed |= (uint32_t)(robot->replies[i].status != SV_REPLY_DATA) << i;
   }
 
+  const int32_t numbers[] = {k,
+                             (int32_t)(done->started_us - robot->begin_us),
+                             (int32_t)(done->read_us - done->started_us),
+                             (int32_t)(done->aimed_us - done->read_us),
+                             done->sent ? (int32_t)(done->ended_us - done->aimed_us) : -1,
+                             (int32_t)missed};
+
   sv_record record;
   sv_begin(robot, &record, SV_RECORD_CYCLE, done->started_us);
-  sv_record_varint(&record, k);
-  sv_record_varint(&record, (int32_t)(done->started_us - robot->begin_us));
-  sv_record_varint(&record, (int32_t)(done->read_us - done->started_us));
-  sv_record_varint(&record, (int32_t)(done->aimed_us - done->read_us));
-  sv_record_varint(&record, done->sent ? (int32_t)(done->ended_us - done->aimed_us) : -1);
-  sv_record_u16(&record, missed);
-  for (int32_t i = 0; i < servolve_cycle.nraw; i++) {
-    sv_record_varint(&record, robot->raw[i]);
-  }
+  sv_put(&record, numbers, 6);
+  sv_put(&record, robot->raw, servolve_cycle.nraw);
   // ages when the cycle ran
   for (int32_t i = 0; i < rig->njoint; i++) {
     sv_record_varint(&record, sv_joint_age_us(robot, i, done->read_us));
   }
   for (int32_t i = 0; i < rig->nsensor; i++) {
-    sv_record_varint(&record, sv_lines_age_us(&robot->lines, SV_RIG(robot), i, done->read_us));
+    sv_record_varint(&record, sv_lines_age_us(&robot->lines, rig, i, done->read_us));
   }
-  for (int32_t i = 0; i < program->ninput; i++) {
-    sv_record_f32(&record, robot->terminals[i]);
-  }
-  for (int32_t i = 0; i < program->noutput; i++) {
-    sv_record_f32(&record, robot->outputs[i]);
-  }
-  for (int32_t i = 0; i < program->noutput; i++) {
-    sv_record_varint(&record, done->aimed[i]);
-  }
+  sv_put_floats(&record, robot->terminals, program->ninput);
+  sv_put_floats(&record, robot->outputs, program->noutput);
+  sv_put(&record, done->aimed, program->noutput);
   sv_send(robot, &record);
 }
 
 void sv_log_block(sv_robot* robot, int32_t type, int32_t joint, const sv_block* block, const uint8_t* data) {
+  const int32_t numbers[] = {joint, block->address, block->size};
   sv_record record;
   sv_begin(robot, &record, type, sv_hal_now_us());
-  sv_record_u8(&record, (uint32_t)joint);
-  sv_record_u16(&record, (uint32_t)block->address);
-  sv_record_u8(&record, (uint32_t)block->size);
+  sv_put(&record, numbers, 3);
   for (int32_t i = 0; i < block->size; i++) {
     sv_record_u8(&record, data[i]);
   }
@@ -124,27 +118,25 @@ void sv_log_block(sv_robot* robot, int32_t type, int32_t joint, const sv_block* 
 }
 
 void sv_log_event(sv_robot* robot, int32_t event, int32_t a) {
-  sv_record record;
-  sv_begin(robot, &record, SV_RECORD_EVENT, sv_hal_now_us());
-  sv_record_u8(&record, (uint32_t)event);
-  sv_record_u8(&record, SV_NOBODY);
-  sv_record_i32(&record, a);
-  sv_record_i32(&record, 0);
-  sv_send(robot, &record);
+  const int32_t numbers[] = {event, a};
+  sv_tell(robot, SV_RECORD_EVENT, numbers, 2);
 }
 
 void sv_log_end(sv_robot* robot, uint32_t unsure) {
-  sv_record record;
-  sv_begin(robot, &record, SV_RECORD_END, sv_hal_now_us());
-  sv_record_u8(&record, robot->state);
-  sv_put_reason(&record, &robot->watch.why);
-  sv_record_i32(&record, robot->counts.cycles);
-  sv_record_i32(&record, robot->counts.missed_deadlines);
-  sv_record_i32(&record, robot->counts.missed_replies);
-  sv_record_u32(&record, robot->bus.nbyte);
-  sv_record_u32(&record, robot->counts.dropped);
-  sv_record_u16(&record, unsure);
-  sv_send(robot, &record);
+  const sv_why* why = &robot->watch.why;
+  const sv_counts* counts = &robot->counts;
+  const int32_t numbers[] = {robot->state,
+                             why->reason,
+                             why->joint,
+                             why->a,
+                             why->b,
+                             counts->cycles,
+                             counts->missed_deadlines,
+                             counts->missed_replies,
+                             (int32_t)robot->bus.nbyte,
+                             (int32_t)counts->dropped,
+                             (int32_t)unsure};
+  sv_tell(robot, SV_RECORD_END, numbers, 11);
 }
 
 void sv_print(const char* text) {

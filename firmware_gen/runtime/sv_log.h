@@ -18,8 +18,7 @@ void sv_log_time(sv_robot* robot, uint32_t now_us);
 void sv_log_hello(sv_robot* robot);
 void sv_log_start(sv_robot* robot);
 void sv_log_state(sv_robot* robot, int32_t left, const sv_why* why);
-void sv_log_finding(sv_robot* robot, int32_t level, int32_t finding, int32_t joint, int32_t address, int32_t value,
-                    int32_t low, int32_t high);
+void sv_log_finding(sv_robot* robot, int32_t finding, int32_t joint, int32_t address, int32_t value);
 void sv_log_cycle(sv_robot* robot, int32_t k);
 void sv_log_block(sv_robot* robot, int32_t type, int32_t joint, const sv_block* block, const uint8_t* data);
 void sv_log_event(sv_robot* robot, int32_t event, int32_t a);

@@ -60,20 +60,24 @@ typedef enum {
   SV_FINDING_NONE = 0,
   SV_FINDING_ABSENT = 1,      // does not answer
   SV_FINDING_CORRUPT = 2,     // answers with corrupt packets only
-  SV_FINDING_MODEL = 3,       // value: its model, low: the right one
-  SV_FINDING_UNREADABLE = 4,  // the block low..high could not be read; value: 1 if answers are corrupt
-  SV_FINDING_SETTING = 5,     // a register holds value and must hold low..high
-  SV_FINDING_VOLTAGE = 6,     // of the supply
-  SV_FINDING_TEMPERATURE = 7,
-  SV_FINDING_POSITION = 8,    // outside one turn, or outside its limits
-  SV_FINDING_TORQUE = 9,      // was on already
-  SV_FINDING_HARDWARE = 10,   // value: hardware error bits, low: the shutdown register, -1: unknown
-  SV_FINDING_SENSOR = 11,     // joint: number of the sensor; value: age [us], -1: no line has come
-  SV_FINDING_DERATE = 12,     // the servos have no torque ceiling to lower
-  SV_FINDING_WATCHDOG = 13,   // warning: the servos have no bus watchdog
-  SV_FINDING_LATE = 14,       // answers later than the line needs; value: by [us]; joint 255: every servo does
-  SV_FINDING_LOW_LIMIT = 15,  // a setting that must let the joint go as low as its limits: at most high
-  SV_FINDING_HIGH_LIMIT = 16  // at least low
+  SV_FINDING_MODEL = 3,       // value: its model
+  SV_FINDING_UNREADABLE = 4,  // the block of value bytes from address on could not be read,
+  SV_FINDING_GARBLED = 5,     // and answers are corrupt
+  SV_FINDING_SETTING = 6,     // a register holds value, and must not
+  SV_FINDING_LOW_LIMIT = 7,   // likewise: it must let the joint go as low as its limits
+  SV_FINDING_HIGH_LIMIT = 8,  // as high
+  SV_FINDING_VOLTAGE = 9,     // of the supply
+  SV_FINDING_TEMPERATURE = 10,
+  SV_FINDING_POSITION = 11,  // outside one turn, or outside its limits
+  SV_FINDING_HARDWARE = 12,  // value: hardware error bits
+  SV_FINDING_SENSOR = 13,    // joint: number of a sensor that is needed; value: age [us], -1: no line has come
+  SV_FINDING_DERATE = 14,    // the servos have no torque ceiling to lower
+  SV_FINDING_LATE = 15,      // answers later than the line needs; value: by [us]
+  // warnings
+  SV_FINDING_TORQUE = 32,    // was on already
+  SV_FINDING_WATCHDOG = 33,  // the servos have no bus watchdog
+  SV_FINDING_SLOW = 34,      // every servo answers later than the line needs; value: by [us]
+  SV_FINDING_OLD = 35        // as SV_FINDING_SENSOR, of one that nobody needs
 } sv_finding;
 
 typedef enum {

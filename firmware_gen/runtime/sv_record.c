@@ -1,6 +1,7 @@
 #include "sv_record.h"
 
 #include "sv_hal.h"
+#include "sv_packets2.h"
 #include "sv_time.h"
 
 #define SV_FIRST 2                         // bytes before the type: a zero, the first code byte
@@ -18,21 +19,10 @@ void sv_record_u8(sv_record* record, uint32_t value) {
   record->n++;
 }
 
-void sv_record_u16(sv_record* record, uint32_t value) {
-  sv_record_u8(record, value);
-  sv_record_u8(record, value >> 8);
-}
-
 void sv_record_u32(sv_record* record, uint32_t value) {
-  sv_record_u16(record, value);
-  sv_record_u16(record, value >> 16);
-}
-
-void sv_record_i32(sv_record* record, int32_t value) { sv_record_u32(record, (uint32_t)value); }
-
-void sv_record_i64(sv_record* record, int64_t value) {
-  sv_record_u32(record, (uint32_t)value);
-  sv_record_u32(record, (uint32_t)((uint64_t)value >> 32));
+  for (int32_t i = 0; i < 4; i++) {
+    sv_record_u8(record, value >> 8 * i);
+  }
 }
 
 void sv_record_f32(sv_record* record, float value) {
@@ -53,17 +43,6 @@ void sv_record_varint(sv_record* record, int32_t value) {
   sv_record_u8(record, rest);
 }
 
-static uint32_t sv_record_crc(const uint8_t* bytes, int32_t n) {
-  uint32_t crc = 0;
-  for (int32_t i = 0; i < n; i++) {
-    crc ^= (uint32_t)bytes[i] << 8;
-    for (int32_t bit = 0; bit < 8; bit++) {
-      crc = (crc << 1 ^ ((crc & 0x8000U) != 0U ? 0x8005U : 0U)) & 0xFFFFU;
-    }
-  }
-  return crc;
-}
-
 // Put the distance to the next zero in the place of each zero, the first one's before them all.
 static void sv_record_code(sv_record* record) {
   int32_t last = SV_FIRST - 1;
@@ -80,7 +59,9 @@ int32_t sv_record_end(sv_record* record, uint32_t wait_us) {
   if (record->n + 2 > SV_END) {
     return 0;
   }
-  sv_record_u16(record, sv_record_crc(record->bytes + SV_FIRST, record->n - SV_FIRST));
+  const uint16_t crc = sv_packet2_crc(0, record->bytes + SV_FIRST, record->n - SV_FIRST);
+  sv_record_u8(record, crc);
+  sv_record_u8(record, crc >> 8);
   sv_record_code(record);
   record->bytes[0] = 0;
   record->bytes[record->n++] = 0;

@@ -39,8 +39,6 @@ typedef struct {
   uint16_t value;  // counts
 } sv_setting;
 
-typedef enum { SV_WARNING = 0, SV_ERROR = 1 } sv_level;
-
 // A register must hold low..high; what depends on the joint takes its place as its kind says.
 typedef struct {
   sv_register reg;
