@@ -256,7 +256,8 @@ def judge_speeds(
         if not joint.low_rad - slack <= angle <= joint.high_rad + slack:
             return (
                 f"{_named(joint)} is at {angle:.2f} rad, outside its limits {joint.low_rad:g} to {joint.high_rad:g} "
-                "rad; move it inside by hand"
+                "rad; move it inside by hand, or, if it stands inside, switch it off and on: its encoder has wrapped "
+                "around"
             )
         asked, done = joint_speed(joint, goal), joint_speed(joint, speed)
         stuck = abs(asked) > _SPEED_SHARE * joint.speed_rad_s_max and done * asked < _SPEED_SHARE * asked * asked

@@ -82,7 +82,7 @@ def load_backup(path: Path) -> tuple[ServoBackup, ...]:
         what its servos held
 
     Raises:
-        InputError: it can not be read, or is no backup
+        InputError: it can not be read, is no backup, or is of a servo that has moved to another id or bit rate since
     """
     try:
         with path.open("rb") as file:
@@ -96,7 +96,14 @@ def load_backup(path: Path) -> tuple[ServoBackup, ...]:
         raise InputError(f"{path}: is no backup of servos; name a file that --fix has written")
     if top.get("format") != FORMAT:
         raise InputError(f"{path}: format {top.get('format')!r} is not known; this version reads format {FORMAT}")
-    return tuple(_servo(path, entry) for entry in top["servos"])
+    servos = tuple(_servo(path, entry) for entry in top["servos"])
+    if len(servos) == 1 and top.get("rig") == servos[0].product:
+        # `rig setup` names no rig
+        raise InputError(
+            f"{path}: was kept by `servolve rig setup`, which has moved the servo; `servolve rig setup PORT --product "
+            f"{servos[0].product} --new-id {servos[0].id} --new-baud {servos[0].baud}` puts it back"
+        )
+    return servos
 
 
 def _servo(path: Path, entry: Any) -> ServoBackup:  # noqa: ANN401 (JSON)

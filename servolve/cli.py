@@ -119,5 +119,7 @@ def _usage_sentence(error: CycloptsError) -> str:
         # it looks into every command for the one that was meant, and an optional package is not installed
         told = f"Unknown command: {' '.join(error.unused_tokens or ())}"
     told = re.sub(r"[.?] (?=[A-Z])", "; ", told)
+    told = re.sub(r'^Command "(.+)" parameter (\S+) requires an argument$', r"\1: give a value for \2", told)
+    told = re.sub(r",\s*$", " and others", told)
     command = " ".join(("servolve", *(error.command_chain or ())))
     return f"{told}; `{command} --help` lists what it takes"

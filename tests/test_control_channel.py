@@ -178,4 +178,4 @@ def test_an_address_needs_a_port_and_must_be_of_this_machine(capsys):
     assert main(["rig", "serve", "lamp-xc330", "--host", "127.0.0.1"]) == 2
     assert "give --tcp too" in capsys.readouterr().err
     assert main(["rig", "serve", "lamp-xc330", "--tcp", "0", "--host", "192.0.2.1"]) == 2
-    assert "for --host an address of this machine" in capsys.readouterr().err
+    assert "host '192.0.2.1': is no address of this machine" in capsys.readouterr().err

@@ -167,6 +167,13 @@ def test_the_lock_of_an_ax_servo_is_left_alone():
         assert [bench.held(servo, "lock") for servo in (1, 2, 3)] == [0, 0, 0]
 
 
+def test_a_backup_of_a_moved_servo_names_what_moves_it_back(tmp_path):
+    file = tmp_path / "backup.json"
+    save_backup(file, "xc330-m181", [ServoBackup(7, "xc330-m181", 57600, {"id": 7})])  # as `rig setup` keeps it
+    with pytest.raises(InputError, match=r"rig setup PORT --product xc330-m181 --new-id 7 --new-baud 57600` puts it"):
+        load_backup(file)
+
+
 def test_a_backup_holds_every_register_and_is_never_overwritten(tmp_path):
     with bench_of("lamp-xc330") as bench:
         backup = bench.backups()[0]

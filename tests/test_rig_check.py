@@ -97,6 +97,7 @@ def test_it_asks_before_it_writes(served, tmp_path, answer, after):
         (["lamp-xc330", "--port", "/dev/null", "--restore", "/no/such", "--yes"], "can not be read (No such file"),
         (["paper-lamp", "--port", "/dev/null"], "a check needs a bus"),
         (["lamp-xc330", "--port", "/no/such"], "cannot be opened"),
+        (["lamp-xc330"], "rig check: give a value for --port; `servolve rig check --help` lists what it takes"),
     ],
 )
 def test_wrong_arguments_are_one_sentence(arguments, expected, capfd, monkeypatch):

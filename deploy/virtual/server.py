@@ -6,6 +6,7 @@ jumps: when the machine stalls, the rig's time slips, so that a busy machine mak
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import socket
@@ -256,16 +257,19 @@ def _listen(host: str, port: int) -> socket.socket:
         listener.listen(1)
     except socket.gaierror:
         listener.close()
-        raise InputError(f"host '{host}': is no address of this machine; leave --host out for 127.0.0.1") from None
+        raise _no_address(host) from None
     except (OSError, OverflowError) as error:
         listener.close()
+        if getattr(error, "errno", None) == errno.EADDRNOTAVAIL:
+            raise _no_address(host) from None
         reason = getattr(error, "strerror", None) or "out of range"
-        remedy = "choose another one from 1024 to 65535"
-        if host != LOOPBACK:
-            remedy += ", and for --host an address of this machine"
-        raise InputError(f"TCP port {port} can not be used ({reason}); {remedy}") from None
+        raise InputError(f"TCP port {port} can not be used ({reason}); choose another one from 1024 to 65535") from None
     listener.setblocking(False)
     return listener
+
+
+def _no_address(host: str) -> InputError:
+    return InputError(f"host '{host}': is no address of this machine; leave --host out for 127.0.0.1")
 
 
 def _link_to(path: Path, target: str) -> None:
