@@ -4,6 +4,7 @@ import functools
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from controller import Controller, controller_text, load_controller, load_rig
 from controller.rig import Rig
@@ -103,9 +104,18 @@ def image(task, board):
     return build_firmware(task.controller, task.rig, board, Path(_folder().name) / f"{task.rig.name}-{board}")
 
 
-def host_run(path, task, faults=(), seconds=2.0, stop=lambda virtual: None, **changes):
-    """Run the host loop."""
+def virtual_rig(task, faults, held):
+    """Return the rig with faults, and servos that hold counts: number => register => count."""
     virtual = VirtualRig(task.rig, faults=[parse_fault(fault) for fault in faults])
+    for number, counts in held.items():
+        for register, count in counts.items():
+            virtual.servos[number].table[register] = count
+    return virtual
+
+
+def host_run(path, task, faults=(), seconds=2.0, stop=lambda virtual: None, held=MappingProxyType({}), **changes):
+    """Run the host loop."""
+    virtual = virtual_rig(task, faults, held)
     options = task.options(seconds, **changes)
     with RunLog(path) as log, connect_virtual(virtual, lambda: stop(virtual)) as link:
         log.write("/meta", 0.0, task.meta)
@@ -115,12 +125,20 @@ def host_run(path, task, faults=(), seconds=2.0, stop=lambda virtual: None, **ch
 
 
 def firmware_run(
-    path, task, faults=(), seconds=2.0, stop=lambda virtual: None, machine=None, restless=False, **changes
+    path,
+    task,
+    faults=(),
+    seconds=2.0,
+    stop=lambda virtual: None,
+    held=MappingProxyType({}),
+    machine=None,
+    restless=False,
+    **changes,
 ):
     """Run firmware: the native twin, or what a machine runs."""
     from deploy.firmware.run import run_firmware
 
-    virtual = VirtualRig(task.rig, faults=[parse_fault(fault) for fault in faults])
+    virtual = virtual_rig(task, faults, held)
     options = task.options(seconds, **changes)
     firmware = Recorder(machine() if machine else TwinProcess(image(task, "host")))
     try:

@@ -58,6 +58,25 @@ def test_a_fault_ends_the_run_where_and_why_it_ends_the_host_loops(tmp_path, tas
     assert torque == torque_read_back(host.virtual)
 
 
+WRONG = {
+    XC330: {
+        0: {"min_position_limit": 2000, "max_position_limit": 2100, "pwm_limit": 500, "hardware_error_status": 0x20},
+        1: {"max_position_limit": 2100, "homing_offset": 100, "torque_enable": 1, "secondary_id": 7},
+    },
+    STS3215: {0: {"phase": 0x10, "max_angle_limit": 2100}, 2: {"min_angle_limit": 2040, "torque_enable": 1}},
+}
+
+
+@TASKS
+def test_servos_that_are_set_up_wrong_are_told_as_the_host_loop_tells_them(tmp_path, task):
+    host = host_run(tmp_path / "host.mcap", task, held=WRONG[task])
+    twin = firmware_run(tmp_path / "twin.mcap", task, held=WRONG[task])
+    assert (twin.outcome.state, twin.outcome.reason) == (host.outcome.state, host.outcome.reason)
+    assert host.outcome.state is State.FAULT
+    assert twin.told() == host.told()
+    assert all(any(name in text for _, text in twin.told()) for name in task.rig.joints[0].family.position_limits)
+
+
 @TASKS
 @pytest.mark.parametrize(
     "faults", [("drop=0.03",), ("corrupt=0.03",), ("late=0.02:4",), ("sensor-drop=0.3", "sensor-corrupt=0.1")], ids=str
