@@ -10,6 +10,7 @@ from wire import Wire
 from controller import load_rig
 from deploy.firmware.bench import FirmwareBench
 from deploy.firmware.machine import Given
+from deploy.firmware.reasons import Reason, Why, sentence
 from deploy.firmware.twin import TwinProcess
 from deploy.virtual import dynamixel2 as dxl
 from deploy.virtual import protocol1 as p1
@@ -117,3 +118,17 @@ def test_a_board_that_is_reset_during_a_run_says_so_to_the_servos_first(name):
     sent = [data for way, t, data in heard if way == "tx" and t >= 1.5]
     assert tuple(sent[: len(packets)]) == packets
     assert {servo.table["torque_enable"] for servo in virtual.servos} == {0}
+
+
+@pytest.mark.parametrize(
+    ("cause", "words"),
+    [
+        (1, "by the watchdog, for the main loop hung; torque was switched off: report"),
+        (2, "by a fault handler; torque was switched off: report"),
+        (3, "by its falling supply; torque was switched off: feed it from another"),
+        (4, "by the loss of its crystal's clock; torque was switched off: look at the crystal"),
+        (9, "by cause 9; torque was switched off: report"),
+    ],
+)
+def test_why_a_board_has_reset_itself_is_told_with_its_remedy(cause, words):
+    assert f"the board was reset {words}" in sentence(Why(Reason.RESET, 255, cause, 0), XC330.rig, "bus")

@@ -171,7 +171,7 @@ def _stops(rig: Rig, board: Board) -> list[str]:
         alone = (
             "**If the board dies or a wire breaks, nothing on the servos stops them**: their bus watchdogs are off, or "
             "they have none, as Feetech's STS. They go on with the last goal until their overload protection or you "
-            "cut them off. Put a switch into their supply, and keep it at hand."
+            "cut them off, or until the board boots again. Put a switch into their supply, and keep it at hand."
         )
     return [
         "## What stops it",
@@ -181,6 +181,8 @@ def _stops(rig: Rig, board: Board) -> list[str]:
         *(line for reason in reasons for line in _wrapped(reason, "- ", "  ")),
         "",
         *_wrapped(alone),
+        "",
+        *_wrapped("At every boot, whatever has reset the board, its first packet is torque off for every servo."),
         "",
     ]
 
