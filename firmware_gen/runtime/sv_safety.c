@@ -39,34 +39,31 @@ void sv_watch_init(sv_watch* watch) {
   watch->why.reason = SV_REASON_NONE;
 }
 
-// Say who has been silent for too long, and how.
-static int32_t sv_blame(sv_watch* watch, int32_t number, const sv_reply* reply, int32_t everyone, int32_t late,
-                        int32_t mostly) {
-  static const uint8_t kReasons[] = {SV_REASON_NONE, SV_REASON_REFUSED, SV_REASON_SILENT, SV_REASON_CORRUPT};
-  const int32_t reason = late ? SV_REASON_LATE : kReasons[everyone ? SV_REPLY_MISSING : reply->status];
-  return sv_because(watch, reason, everyone ? SV_NOBODY : number, watch->joints[number].missed,
-                    mostly | (int32_t)reply->error << 8);
-}
-
 int32_t sv_judge_replies(const sv_rig* rig, sv_watch* watch, const sv_reply* replies) {
+  static const uint8_t kReasons[] = {SV_REASON_NONE, SV_REASON_REFUSED, SV_REASON_SILENT, SV_REASON_CORRUPT};
   const int32_t most = rig->safety.missed_max;
-  int32_t everyone = rig->njoint > 1;
+  int32_t nsilent = 0;
   int32_t late = 0;
   int32_t first = SV_NOBODY;
-  int32_t mostly = 0;
-  for (int32_t i = 0; i < rig->njoint; i++) {
+  for (int32_t i = rig->njoint - 1; i >= 0; i--) {
     sv_watch_joint* joint = watch->joints + i;
     const int32_t missing = replies[i].status != SV_REPLY_DATA;
     const int32_t silent = sv_lasts(&joint->missed, missing, most);
     joint->poor += missing ? 1 : joint->poor > 0 ? -1 : 0;
-    if (first == SV_NOBODY && (silent || (missing && joint->poor > most + SV_POOR_MAX))) {
+    if (silent || (missing && joint->poor > most + SV_POOR_MAX)) {
       first = i;
-      mostly = !silent;
     }
-    everyone = everyone && silent;
-    late = late || replies[i].late;
+    nsilent += silent;
+    late |= replies[i].late;
   }
-  return first != SV_NOBODY && sv_blame(watch, first, replies + first, everyone, late, mostly);
+  if (first == SV_NOBODY) {
+    return 0;
+  }
+  const sv_reply* reply = replies + first;
+  const int32_t missed = watch->joints[first].missed;
+  const int32_t everyone = nsilent > 1 && nsilent == rig->njoint;
+  const int32_t reason = late ? SV_REASON_LATE : kReasons[everyone ? SV_REPLY_MISSING : reply->status];
+  return sv_because(watch, reason, everyone ? SV_NOBODY : first, missed, (missed <= most) | (int32_t)reply->error << 8);
 }
 
 int32_t sv_judge_alert(const sv_rig* rig, sv_watch* watch, int32_t joint, const sv_reply* reply) {
