@@ -48,9 +48,9 @@ def pytest_addoption(parser):
         "--rig",
         "--rig-file",
         dest="rig",
-        default="virtual",
+        action="append",
         help="'virtual', 'firmware' or 'firmware:NAME' (a virtual rig too, but its runs are made by firmware), or the "
-        "name or file of the rig under test",
+        "name or file of the rig under test; left out: virtual",
     )
     group.addoption("--port", help="servo bus of a real rig, as /dev/ttyUSB0; left out: a virtual rig in lock step")
     group.addoption("--sensor-port", help="sensor node of a real rig")
@@ -61,6 +61,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
+    config.option.rig = one_rig(config.option.rig)
     config.stash[REPORT] = LabReport()
     config.stash[INTERRUPTS] = Interrupts()
     if config.getoption("--port") and config.getoption("--rig").split(":")[0] in (VIRTUAL, FIRMWARE):
@@ -112,6 +113,19 @@ def interrupts(request):
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def one_rig(given: str | list[str] | None) -> str:
+    """Return what --rig and --rig-file mean together: `firmware` and a rig's name are that rig run by firmware."""
+    if not isinstance(given, list):
+        return given or VIRTUAL  # another process of the same run has made it one
+    kinds = [option for option in given if option in (VIRTUAL, FIRMWARE)]
+    names = [option for option in given if option not in kinds]
+    if len(kinds) == 1 and len(names) == 1 and names[0].partition(":")[0] not in (VIRTUAL, FIRMWARE):
+        return f"{kinds[0]}:{names[0]}"
+    if len(given) > 1:
+        raise pytest.UsageError(f"--rig: {' and '.join(given)} are two rigs; name one")
+    return given[0]
 
 
 def rig_name(option: str) -> str:

@@ -105,6 +105,8 @@ def test_a_rig_that_is_not_the_one_is_left_alone(serve_rig):
     [
         (("--port", "/dev/null", "--arm"), "--port: which rig is it? name it with --rig-file"),
         (("--port", "/dev/null", "--rig-file", RIG.name), "--port: the joints of the rig will move; say --arm"),
+        (("--rig", "lamp-xl330", "--rig-file", RIG.name), "--rig: lamp-xl330 and lamp-xc330 are two rigs; name one"),
+        (("--rig", "firmware", "--rig-file", "lamp-ax12"), "ax-12a servos speak dynamixel-1.0, and firmware speaks"),
     ],
 )
 def test_what_is_left_out_is_asked_for(arguments, sentence):
