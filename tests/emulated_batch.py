@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from toolchain import run_tool
 
 from controller import Controller
 from controller.cycle import CycleSpec
@@ -24,7 +23,6 @@ BITS = ROOT / "tests" / "bits"
 
 RUNTIME_FILES = tuple(RUNTIME / name for name in ("sv_program.c", "sv_cycle.c", "sv_float.c"))
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Wmissing-prototypes", "-Werror")
-SECONDS_MAX = 600.0
 
 Words = npt.NDArray[np.uint32]
 
@@ -202,11 +200,3 @@ def _glue(names: Sequence[str]) -> str:
     lines.append("const batch_program kPrograms[] = {")
     lines += [f"    {{{n}_ninput, {n}_noutput, {n}_selftest, {n}_begin, {n}_go}}," for n in names]
     return "\n".join([*lines, "    {0, 0, 0, 0, 0}};", ""])
-
-
-def run_tool(command: Sequence[str], folder: Path) -> str:
-    """Run a program of the toolchain; return what it prints."""
-    assert shutil.which(command[0]), f"{command[0]} is not installed; .ci/system-packages fetches it"
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS_MAX)
-    assert done.returncode == 0, f"{' '.join(command[:6])} … ended with {done.returncode}: {done.stderr[-2000:]}"
-    return done.stdout + done.stderr

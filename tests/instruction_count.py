@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
+
+from toolchain import run_tool
 
 from firmware_gen.bounds.targets import CORTEX_M4F_TARGET, FUNCTIONS
 from firmware_gen.transpiler.vectors import SPECIAL_BITS
 
 FOLDER = Path(__file__).parent / "counting"
 SHIFT = 10  # an instruction takes 2^10 ns
-SECONDS_MAX = 120
 
 # the machine and the frequency that its SysTick counts
 MACHINES = {"Cortex-M4F": ("mps2-an386", 25e6), "Cortex-M0": ("microbit", 16e6)}
@@ -41,18 +40,17 @@ def count_instructions(transpiled, target, level, folder, trials=2000):
         the most that each function took, by its name; of the selftest the stack only
     """
     machine, frequency = MACHINES[target.name]
-    assert shutil.which("qemu-system-arm"), "there is no qemu-system-arm; install it: apt-get install qemu-system-arm"
     (folder / "counted.h").write_text(definitions(transpiled.unit, trials), encoding="utf-8")
     compiler = [f"{target.tools}gcc", *target.flags, "-ffreestanding", "-ffunction-sections"]
-    run([*compiler, "-std=c99", level, "-c", transpiled.source.resolve(), "-o", "controller.o"], folder)
+    run_tool([*compiler, "-std=c99", level, "-c", transpiled.source.resolve(), "-o", "controller.o"], folder)
     own = [FOLDER / "count.c", FOLDER / "start.c"]
     warnings = ["-Wall", "-Wextra", "-Werror", "-Wno-cast-function-type"]
     include = ["-I.", f"-I{transpiled.header.parent.resolve()}"]
     link = ["-nostdlib", "-T", FOLDER / "layout.ld", "-lgcc", "-o", "count.elf"]
-    run([*compiler, "-std=gnu99", "-O1", "-fno-builtin", *warnings, *include, *own, "controller.o", *link], folder)
+    run_tool([*compiler, "-std=gnu99", "-O1", "-fno-builtin", *warnings, *include, *own, "controller.o", *link], folder)
     emulator = ["qemu-system-arm", "-M", machine, "-icount", f"shift={SHIFT},sleep=off", "-display", "none"]
     emulator += ["-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"]
-    words = run([*emulator, "-kernel", "count.elf"], folder).split()
+    words = run_tool([*emulator, "-kernel", "count.elf"], folder).split()
     ticks, stacks = [int(word) for word in words[:4]], [int(word) for word in words[4:8]]
     each = 2**SHIFT * 1e-9 * frequency
     # what an empty function took is taken off, and that is one instruction
@@ -79,12 +77,6 @@ def definitions(unit, trials):
 def frame_sizes(transpiled, level, folder):
     """Return the compiler's own word on the stack frame of each function of a controller, for Cortex-M4F."""
     command = ["arm-none-eabi-gcc", *CORTEX_M4F_TARGET.flags, "-ffreestanding", "-ffunction-sections", "-std=c99"]
-    run([*command, level, "-fstack-usage", "-c", transpiled.source.resolve(), "-o", "frames.o"], folder)
+    run_tool([*command, level, "-fstack-usage", "-c", transpiled.source.resolve(), "-o", "frames.o"], folder)
     text = (folder / "frames.su").read_text()
     return {name: int(size) for name, size in re.findall(r":(\w+)[\w.]*\t(\d+)\t", text)}
-
-
-def run(command, folder):
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=SECONDS_MAX)
-    assert done.returncode == 0, done.stderr
-    return done.stdout + done.stderr  # semihosting prints to stderr

@@ -6,11 +6,11 @@ import json
 import os
 import re
 import select
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+from toolchain import run_tool
 
 from controller import load_controller
 from controller.errors import InputError
@@ -31,13 +31,6 @@ CPP = [*COMMON, "-std=gnu++11", "-fpermissive", "-fno-exceptions", "-fno-threads
 STRICT = ["-Wall", "-Wextra", "-Werror"]
 FLASH, RAM, STACK_MIN = 253_952, 8192, 1500
 BOOT_SECONDS_MAX = 60.0
-
-
-def run_command(*command, cwd):
-    assert shutil.which(command[0]), f"{command[0]} is not installed; .ci/system-packages fetches it"
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, f"{' '.join(command[:4])} …: {done.stderr[-3000:]}"
-    return done.stdout
 
 
 def boot(image):
@@ -98,24 +91,24 @@ def test_library_and_sketch_compile_for_a_mega(library, tmp_path):
     core, own = tmp_path / "core", tmp_path / "own"
     core.mkdir()
     own.mkdir()
-    run_command("avr-gcc", *C, *MEGA, "-w", *map(str, sorted((ARDUINO / "cores/arduino").glob("*.c"))), cwd=core)
-    run_command("avr-g++", *CPP, *MEGA, "-w", *map(str, sorted((ARDUINO / "cores/arduino").glob("*.cpp"))), cwd=core)
+    run_tool(["avr-gcc", *C, *MEGA, "-w", *map(str, sorted((ARDUINO / "cores/arduino").glob("*.c")))], core)
+    run_tool(["avr-g++", *CPP, *MEGA, "-w", *map(str, sorted((ARDUINO / "cores/arduino").glob("*.cpp")))], core)
     assembler = sorted(map(str, (ARDUINO / "cores/arduino").glob("*.S")))
-    run_command("avr-gcc", "-c", "-x", "assembler-with-cpp", "-flto", *MEGA, *assembler, cwd=core)
-    run_command("avr-gcc-ar", "rcs", "../core.a", *(path.name for path in sorted(core.iterdir())), cwd=core)
+    run_tool(["avr-gcc", "-c", "-x", "assembler-with-cpp", "-flto", *MEGA, *assembler], core)
+    run_tool(["avr-gcc-ar", "rcs", "../core.a", *(path.name for path in sorted(core.iterdir()))], core)
 
     # as the IDE does: the sketch becomes C++ with one line before it
     (sketch,) = (library / "examples").glob("*_Serial/*.ino")
     (own / "sketch.cpp").write_text("#include <Arduino.h>\n" + sketch.read_text())
     library_c = sorted(map(str, (library / "src").glob("*.c")))
     library_cpp = sorted(map(str, (library / "src").glob("*.cpp")))
-    run_command("avr-gcc", *C, *MEGA, *STRICT, *library_c, cwd=own)
-    run_command("avr-g++", *CPP, *MEGA, *STRICT, f"-I{library}/src", *library_cpp, "sketch.cpp", cwd=own)
+    run_tool(["avr-gcc", *C, *MEGA, *STRICT, *library_c], own)
+    run_tool(["avr-g++", *CPP, *MEGA, *STRICT, f"-I{library}/src", *library_cpp, "sketch.cpp"], own)
     objects = sorted(map(str, own.glob("*.o")))
     link = ["-w", "-Os", "-flto", "-fuse-linker-plugin", "-Wl,--gc-sections", "-mmcu=atmega2560"]
-    run_command("avr-gcc", *link, "-o", "firmware.elf", *objects, "core.a", "-lm", cwd=tmp_path)
+    run_tool(["avr-gcc", *link, "-o", "firmware.elf", *objects, "core.a", "-lm"], tmp_path)
 
-    text, data, bss = map(int, run_command("avr-size", "firmware.elf", cwd=tmp_path).splitlines()[1].split()[:3])
+    text, data, bss = map(int, run_tool(["avr-size", "firmware.elf"], tmp_path).splitlines()[1].split()[:3])
     assert text + data <= FLASH
     assert data + bss + STACK_MIN <= RAM
     about = load_board("arduino").chip
@@ -124,7 +117,7 @@ def test_library_and_sketch_compile_for_a_mega(library, tmp_path):
         assert 0.75 * int(kib) < bytes_taken / 1024 <= int(kib), (
             f"{bytes_taken} bytes, but the board's file says {about}"
         )
-    names = run_command("avr-nm", "-C", "firmware.elf", cwd=tmp_path)
+    names = run_tool(["avr-nm", "-C", "firmware.elf"], tmp_path)
     assert "main" in names and "malloc" not in names
     assert "servolve: try help" in boot(tmp_path / "firmware.elf")
 
@@ -132,7 +125,7 @@ def test_library_and_sketch_compile_for_a_mega(library, tmp_path):
 def test_the_c_compiles_for_the_openrb_s_processor(library, tmp_path):
     flags = ["-mcpu=cortex-m0plus", "-mthumb", "-Os", "-std=gnu11", "-ffunction-sections", "-Wconversion", *STRICT]
     sources = sorted(map(str, (library / "src").glob("*.c")))
-    run_command("arm-none-eabi-gcc", *flags, "-c", *sources, cwd=tmp_path)
+    run_tool(["arm-none-eabi-gcc", *flags, "-c", *sources], tmp_path)
 
 
 def test_it_is_not_built_by_cmake(tmp_path):

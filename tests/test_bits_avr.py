@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from toolchain import run_tool
 
 from controller import load_controller
 from controller.reference import run_program
@@ -33,13 +32,6 @@ FLAGS = [
 WARNINGS = ["-Wall", "-Wextra", "-Wconversion", "-Wmissing-prototypes", "-Werror"]
 
 
-def run_command(*command, cwd):
-    assert shutil.which(command[0]), f"{command[0]} is not installed; .ci/system-packages fetches it"
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=300)
-    assert done.returncode == 0, f"{' '.join(command[:4])} …: {done.stderr[-2000:]}"
-    return done.stdout + done.stderr
-
-
 def run_on_avr(controller, rows, folder):
     """Compile a controller for an ATmega2560 and step it there; return its selftest's answer and its outputs' bits."""
     transpile(controller, folder, "it")
@@ -52,8 +44,8 @@ def run_on_avr(controller, rows, folder):
         f"#define ROWS_STEP it_step\nenum {{ kRowCount = {len(rows)}, kSteps = {STEPS} }};\n"
         f"static const uint32_t kRows[][{rows.shape[1]}] PROGMEM = {{{table}}};\n"
     )
-    run_command("avr-gcc", *FLAGS, *WARNINGS, f"-I{folder}", "it.c", str(BITS / "avr.c"), "-o", "it.elf", cwd=folder)
-    text = run_command("simavr", "-m", "atmega2560", "-f", "16000000", "it.elf", cwd=folder)
+    run_tool(["avr-gcc", *FLAGS, *WARNINGS, f"-I{folder}", "it.c", str(BITS / "avr.c"), "-o", "it.elf"], folder)
+    text = run_tool(["simavr", "-m", "atmega2560", "-f", "16000000", "it.elf"], folder)
     words = np.array([int(word, 16) for word in re.findall(r"([0-9a-f]{8})\.$", text, re.MULTILINE)], np.uint32)
     assert len(words) == 1 + len(rows) * len(controller.outputs)
     return words[0].astype(np.int32), words[1:].view(np.float32).reshape(len(rows), -1)

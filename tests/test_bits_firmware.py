@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emulated_batch import BITS, M0, M4F, WARNINGS, Target, run_tool
+from emulated_batch import BITS, M0, M4F, WARNINGS, Target
+from toolchain import run_tool
 
 from controller import load_controller
 from controller.rig_file import load_rig

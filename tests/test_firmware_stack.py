@@ -5,6 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from toolchain import run_tool
 
 from controller import load_controller, load_rig, parse_controller
 from firmware_gen.projects.board import load_board
@@ -18,12 +19,6 @@ FRAME = 104 + 4  # what a Cortex-M4F with an FPU stacks for an interrupt, and to
 # these begin on a stack that is empty again, and never return
 ANEW = {"board_die", "board_fault"}
 HANDLERS = r"board_on_\w+|board_send_answers"  # all of one priority: none stands upon another
-
-
-def build(command, folder):
-    """Run a compiler, which must have nothing to say against it."""
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 def call_graph(folder):
@@ -92,10 +87,10 @@ def test_the_deepest_chain_of_calls_an_interrupt_and_a_fault_fit_the_stack(board
     # as CMakeLists.txt says: all but the board's files as one
     for folder, whole in (("src", ["-flto"]), ("runtime", ["-flto"]), ("board", [])):
         sources = [str(path) for path in sorted(tmp_path.glob(f"{folder}/*.c"))]
-        build([*command, *whole, *paths, "-c", *sources], graph)
+        run_tool([*command, *whole, *paths, "-c", *sources], graph)
     links = [flag.replace("{board}", str(tmp_path / "board")) for flag in found.link_flags]
     links += re.findall(r"-Wl,--defsym=\w+=\d+", (tmp_path / "CMakeLists.txt").read_text())
-    build([*command, "-flto", *map(str, sorted(graph.glob("*.o"))), *links, "-o", "firmware.elf"], graph)
+    run_tool([*command, "-flto", *map(str, sorted(graph.glob("*.o"))), *links, "-o", "firmware.elf"], graph)
     sizes, calls = call_graph(graph)
     main, last_words = (depth(sizes, calls, name) for name in ("main", "board_last_words"))
     handlers = {name: depth(sizes, calls, name) for name in sizes if re.fullmatch(HANDLERS, name)}

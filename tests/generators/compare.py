@@ -21,7 +21,8 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent), str(HERE.parents[1])]
 
 from algebra import NESTED, Nested, casadi_algebra, evaluate, sympy_algebra  # noqa: E402
-from instruction_count import FOLDER, run  # noqa: E402
+from instruction_count import FOLDER  # noqa: E402
+from toolchain import run_tool  # noqa: E402
 
 from controller import Controller, load_controller  # noqa: E402
 from controller.reference import ReferenceProgram  # noqa: E402
@@ -157,8 +158,8 @@ def measure(controller: Controller, write: Callable[[Controller, Path], None], f
     write(controller, folder)
     write_table(table, nout, folder)
     harness = str(HERE / "harness.c")
-    run(["gcc", "-std=c99", "-Os", "-I.", "code.c", harness, "-o", "here", "-lm"], folder)
-    here, _ = outputs_of(run(["./here"], folder), nout)
+    run_tool(["gcc", "-std=c99", "-Os", "-I.", "code.c", harness, "-o", "here", "-lm"], folder)
+    here, _ = outputs_of(run_tool([folder / "here"], folder), nout)
     arm = [
         "arm-none-eabi-gcc",
         "-I.",
@@ -169,10 +170,10 @@ def measure(controller: Controller, write: Callable[[Controller, Path], None], f
         "-fdata-sections",
     ]
     link = ["-nostdlib", "-Wl,--gc-sections"]
-    run([*arm, "code.c", *link, "-Wl,--entry=evaluate", *LIBRARIES, "-o", "code.elf"], folder)
-    run([*arm, "-c", "code.c"], folder)
+    run_tool([*arm, "code.c", *link, "-Wl,--entry=evaluate", *LIBRARIES, "-o", "code.elf"], folder)
+    run_tool([*arm, "-c", "code.c"], folder)
     code = read_machine_code(folder / "code.elf", "arm-none-eabi-", "")
-    own = run(["arm-none-eabi-nm", "--defined-only", "code.o"], folder)
+    own = run_tool(["arm-none-eabi-nm", "--defined-only", "code.o"], folder)
     names = {line.split()[-1] for line in own.splitlines()}
     text = sum(size for name, size in code.sizes.items() if name in names)
     try:
@@ -201,13 +202,13 @@ def measure(controller: Controller, write: Callable[[Controller, Path], None], f
 def emulate(folder: Path) -> str:
     """Return what the harness prints on an emulated Cortex-M4F."""
     arm = ["arm-none-eabi-gcc", "-I.", *CORTEX_M4F_TARGET.flags, "-Os", "-ffunction-sections", "-fdata-sections"]
-    run([*arm, "-std=c99", "-c", "code.c"], folder)
+    run_tool([*arm, "-std=c99", "-c", "code.c"], folder)
     own = [str(HERE / "harness.c"), str(FOLDER / "start.c"), "-T", str(FOLDER / "layout.ld")]
     link = ["-nostdlib", "-Wl,--gc-sections", *own[2:], *LIBRARIES]
-    run([*arm, "-std=gnu99", "-fno-builtin", *own[:2], "code.o", *link, "-o", "run.elf"], folder)
+    run_tool([*arm, "-std=gnu99", "-fno-builtin", *own[:2], "code.o", *link, "-o", "run.elf"], folder)
     machine = ["qemu-system-arm", "-M", "mps2-an386", "-icount", "shift=10,sleep=off", "-display", "none"]
     machine += ["-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native"]
-    return run([*machine, "-kernel", "run.elf"], folder)
+    return run_tool([*machine, "-kernel", "run.elf"], folder)
 
 
 HEAD = ["", "own code", "library", "usual", "most", "bound", "in range", "hard inputs", "M4F not as x86"]
