@@ -11,25 +11,26 @@
 #define SV_RELEASE_PATIENCE_US 60000
 
 // Say that a register was not taken, or could not be read.
-static int32_t sv_not_taken(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t b) {
+static int32_t sv_not_taken(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t status, int32_t held) {
+  const int32_t b = status == SV_REPLY_DATA ? held : status << 16 | robot->bus.reply.error;
   return sv_because(&robot->watch, SV_REASON_SETTING, joint, reg->address, b);
 }
 
 // Read one register: => count.
 static int32_t sv_get(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t* count) {
   const int32_t status = sv_bus_read_register(&robot->bus, joint, reg, SV_ATTEMPTS, count);
-  return status != SV_REPLY_DATA && sv_not_taken(robot, joint, reg, status << 16 | robot->bus.reply.error);
+  return status != SV_REPLY_DATA && sv_not_taken(robot, joint, reg, status, 0);
 }
 
-// Write one register and read it back.
+// Write one register and read it back, if the servo has it.
 static int32_t sv_set(sv_robot* robot, int32_t joint, const sv_register* reg, int32_t count) {
+  if (reg->size == 0) {
+    return 0;
+  }
   int32_t held = 0;
   sv_hal_feed_watchdog();
   const int32_t status = sv_bus_write_register(&robot->bus, joint, reg, count, SV_ATTEMPTS, &held);
-  if (status != SV_REPLY_DATA) {
-    return sv_not_taken(robot, joint, reg, status << 16 | robot->bus.reply.error);
-  }
-  return held != count && sv_not_taken(robot, joint, reg, held);
+  return (status != SV_REPLY_DATA || held != count) && sv_not_taken(robot, joint, reg, status, held);
 }
 
 int32_t sv_write_settings(sv_robot* robot) {
@@ -40,8 +41,7 @@ int32_t sv_write_settings(sv_robot* robot) {
         return 1;
       }
     }
-    if (servo->ceiling.size > 0 &&
-        sv_set(robot, i, &servo->ceiling, sv_derate(servo->ceiling_count, robot->wish.derate))) {
+    if (sv_set(robot, i, &servo->ceiling, sv_derate(servo->ceiling_count, robot->wish.derate))) {
       return 1;
     }
   }
@@ -74,8 +74,7 @@ int32_t sv_torque_on(sv_robot* robot) {
     }
   }
   for (int32_t i = 0; i < rig->njoint && rig->safety.watchdog_us > 0; i++) {
-    const sv_register* watchdog = &SV_SERVO(rig, i)->watchdog;
-    if (watchdog->size > 0 && sv_set(robot, i, watchdog, rig->safety.watchdog_count)) {
+    if (sv_set(robot, i, &SV_SERVO(rig, i)->watchdog, rig->safety.watchdog_count)) {
       return 1;
     }
   }
@@ -95,31 +94,24 @@ static int32_t sv_is_zero(sv_robot* robot, int32_t joint, const sv_register* reg
   return sv_bus_read_register(&robot->bus, joint, reg, 1, &count) == SV_REPLY_DATA && count == 0;
 }
 
-// Set a register to 0, once; return whether it reads so.
+// Set a register to 0, once, if the servo has it; return whether it reads so.
 static int32_t sv_clear(sv_robot* robot, int32_t joint, const sv_register* reg) {
-  const uint8_t zeros[4] = {0};
+  int32_t held = 0;
   sv_hal_feed_watchdog();
-  return sv_bus_write(&robot->bus, joint, reg->address, zeros, reg->size) != SV_REPLY_REFUSED &&
-         sv_is_zero(robot, joint, reg);
+  return reg->size == 0 || (sv_bus_write_register(&robot->bus, joint, reg, 0, 1, &held) == SV_REPLY_DATA && held == 0);
 }
 
 // Switch one servo's torque and watchdog off and let its velocity be 0; return whether it reads so.
 static int32_t sv_switch_off(sv_robot* robot, int32_t number) {
   const sv_servo* servo = SV_SERVO(SV_RIG(robot), number);
-  if (!sv_clear(robot, number, &servo->torque) ||
-      (servo->watchdog.size > 0 && !sv_clear(robot, number, &servo->watchdog))) {
-    return 0;
-  }
-  if (!SV_VELOCITY_MODE(SV_RIG(robot))) {
-    return 1;
-  }
-  // a goal may have switched it on
-  return sv_clear(robot, number, &servo->goal) && sv_is_zero(robot, number, &servo->torque);
+  // a goal velocity may switch torque on
+  return sv_clear(robot, number, &servo->torque) && sv_clear(robot, number, &servo->watchdog) &&
+         (!SV_VELOCITY_MODE(SV_RIG(robot)) ||
+          (sv_clear(robot, number, &servo->goal) && sv_is_zero(robot, number, &servo->torque)));
 }
 
 uint32_t sv_release(sv_robot* robot) {
   const sv_rig* rig = SV_RIG(robot);
-  const int32_t usual_us = rig->patience_us;
   const uint32_t until_us = sv_hal_now_us() + SV_RELEASE_US_MAX;
   uint32_t left = (UINT32_C(1) << rig->njoint) - 1U;
   if (SV_VELOCITY_MODE(rig)) {
@@ -136,9 +128,9 @@ uint32_t sv_release(sv_robot* robot) {
       break;
     }
     sv_wait_until(robot, sv_hal_now_us() + SV_RELEASE_PAUSE_US);
-    robot->bus.patience_us = usual_us > SV_RELEASE_PATIENCE_US ? usual_us : SV_RELEASE_PATIENCE_US;
+    robot->bus.patience_us = rig->patience_us > SV_RELEASE_PATIENCE_US ? rig->patience_us : SV_RELEASE_PATIENCE_US;
   }
-  robot->bus.patience_us = usual_us;
+  robot->bus.patience_us = rig->patience_us;
   return left;
 }
 
@@ -147,8 +139,8 @@ int32_t sv_hold(sv_robot* robot) {
     const sv_servo* servo = SV_SERVO(SV_RIG(robot), i);
     int32_t torque = 0;
     if ((SV_VELOCITY_MODE(SV_RIG(robot)) && sv_set(robot, i, &servo->goal, 0)) ||
-        (servo->watchdog.size > 0 && sv_set(robot, i, &servo->watchdog, 0)) ||
-        sv_get(robot, i, &servo->torque, &torque) || sv_judge_torque(&robot->watch, i, torque == 1)) {
+        sv_set(robot, i, &servo->watchdog, 0) || sv_get(robot, i, &servo->torque, &torque) ||
+        sv_judge_torque(&robot->watch, i, torque == 1)) {
       return 1;
     }
   }
