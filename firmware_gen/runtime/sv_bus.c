@@ -93,7 +93,7 @@ void sv_bus_init(sv_bus* bus, const sv_rig* rig) {
 static int32_t sv_ask(sv_bus* bus, int32_t joint, uint8_t instruction, int32_t end, int32_t size, int32_t wanted,
                       uint8_t* data) {
   const uint8_t joints[1] = {(uint8_t)joint};
-  const sv_asked asked = {joints, 1, size, wanted, joint, &bus->reply, data, 0};
+  const sv_asked asked = {joints, 1, size, wanted, joint, &bus->reply, data};
   sv_bus_receive(bus, &asked, sv_send(bus, SV_RIG(bus)->joints[joint].id, instruction, end));
   return bus->reply.status;
 }
@@ -127,14 +127,13 @@ int32_t sv_bus_write(sv_bus* bus, int32_t joint, int32_t address, const uint8_t*
 }
 
 // Ask several joints for as many bytes as are wanted, and perhaps a few more; return as sv_bus_receive does.
-static int32_t sv_sync_read_once(sv_bus* bus, sv_asked* asked, int32_t address) {
+static int32_t sv_sync_read_once(sv_bus* bus, sv_asked* asked, uint8_t instruction, int32_t address) {
   asked->size = sv_bus_unlike_late(bus, asked->wanted);
   int32_t at = sv_put_block(SV_RIG(bus), bus->frame, address, asked->size);
   for (int32_t i = 0; i < asked->n; i++) {
     bus->frame[at++] = SV_RIG(bus)->joints[asked->joints[i]].id;
   }
-  const int32_t fast = SV_FAST_SYNC_READ(SV_RIG(bus)) && asked->fast;
-  return sv_bus_receive(bus, asked, sv_send(bus, SV_PACKET2_BROADCAST, fast ? SV_FAST_SYNC_READ2 : SV_SYNC_READ2, at));
+  return sv_bus_receive(bus, asked, sv_send(bus, SV_PACKET2_BROADCAST, instruction, at));
 }
 
 // Return which joints' replies are missing, a bit each.
@@ -165,13 +164,13 @@ static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, 
   uint8_t order[SV_JOINT_MAX];
   const int32_t first = sv_list(joints & ~bus->silent, order, 0);
   const int32_t n = sv_list(joints & bus->silent, order, first);
-  sv_asked asked = {order, n, size, size, 0, replies, data, 0};
-  const int32_t heard = sv_sync_read_once(bus, &asked, address);
+  sv_asked asked = {order, n, size, size, 0, replies, data};
+  const int32_t heard = sv_sync_read_once(bus, &asked, SV_SYNC_READ2, address);
   if (heard < first && heard + 1 < n) {
     bus->silent |= UINT32_C(1) << order[heard];
     asked.joints = order + heard + 1;
     asked.n = n - heard - 1;
-    (void)sv_sync_read_once(bus, &asked, address);
+    (void)sv_sync_read_once(bus, &asked, SV_SYNC_READ2, address);
   }
 }
 
@@ -179,11 +178,11 @@ static void sv_sync_read_in_turn(sv_bus* bus, uint32_t joints, int32_t address, 
 static uint32_t sv_sync_read_fast(sv_bus* bus, int32_t address, int32_t size, sv_reply* replies, uint8_t* data) {
   uint8_t order[SV_JOINT_MAX];
   const int32_t n = sv_list(sv_all(bus), order, 0);
-  sv_asked all = {order, n, size + SV_LENGTHS - 1, size, 0, replies, data, 1};
+  sv_asked all = {order, n, size + SV_LENGTHS - 1, size, 0, replies, data};
   if (sv_bus_fast_size(&all) > (int32_t)sizeof bus->received) {
     return sv_all(bus);
   }
-  (void)sv_sync_read_once(bus, &all, address);
+  (void)sv_sync_read_once(bus, &all, SV_FAST_SYNC_READ2, address);
   return sv_missing(bus, replies);
 }
 

@@ -3,10 +3,10 @@
 #include "sv_hal.h"
 #include "sv_time.h"
 
-#define SV_WAIT_US_MAX 50000U    // without food for the watchdog
-#define SV_NBYTE_MAX 16384       // of one stretch in which the line is busy
-#define SV_FLUSH_MAX 256         // reads that a flush may take: no babbling line holds it up
-#define SV_OVERDUE_US_MAX 2000U  // how long after its deadline a transaction may still take what waits
+#define SV_WAIT_US_MAX 50000U   // without food for the watchdog
+#define SV_NBYTE_MAX 16384      // of one stretch in which the line is busy
+#define SV_FLUSH_MAX 256        // reads that a flush may take: no babbling line holds it up
+#define SV_OVERDUE_US_MAX 2000  // how long after its deadline a transaction may still take what waits
 
 // Return how long up to 40,000 bytes of 10 bits are on the line [us], rounded up: every rate is a multiple of 100
 // bit/s.
@@ -67,8 +67,9 @@ int32_t sv_bus_take(sv_bus* bus) {
   const int32_t room = (int32_t)sizeof bus->received - bus->nreceived;
   for (;;) {
     const uint32_t now_us = sv_hal_now_us();
+    const int32_t left_us = (int32_t)(bus->deadline_us - now_us);
     // what has come by the deadline is taken after it, but a line that never falls silent is left alone
-    if (room == 0 || sv_has_come(now_us, bus->deadline_us + SV_OVERDUE_US_MAX)) {
+    if (room == 0 || left_us <= -SV_OVERDUE_US_MAX) {
       return 0;
     }
     const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received + bus->nreceived, room);
@@ -77,7 +78,7 @@ int32_t sv_bus_take(sv_bus* bus) {
       bus->nbyte += (uint32_t)n;
       return 1;
     }
-    if (sv_has_come(now_us, bus->deadline_us)) {
+    if (left_us <= 0) {
       return 0;
     }
     sv_doze(bus->deadline_us);

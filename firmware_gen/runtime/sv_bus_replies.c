@@ -177,37 +177,35 @@ int32_t sv_bus_fast_size(const sv_asked* asked) {
 }
 
 int32_t sv_bus_receive(sv_bus* bus, const sv_asked* asked, int32_t sent) {
-  for (int32_t i = 0; i < asked->n; i++) {
-    const sv_reply none = {SV_REPLY_MISSING, 0, 0, sv_hal_now_us()};
-    *sv_place(asked, asked->joints[i]) = none;
-  }
-  bus->echoed = 0;
-  if (!sent) {
-    return 0;
-  }
   const int32_t around = sv_is_dynamixel(bus) ? SV_PACKET2_STATUS + SV_STUFFING : SV_PACKET1_STATUS;
   int32_t corrupt = 0;
-  if (SV_FAST_SYNC_READ(SV_RIG(bus)) && asked->fast) {
+  int32_t heard = 0;
+  bus->echoed = 0;
+  for (int32_t i = 0; i < asked->n; i++) {
+    sv_place(asked, asked->joints[i])->status = SV_REPLY_MISSING;
+  }
+  if (sent && SV_FAST_SYNC_READ(SV_RIG(bus)) && bus->frame[SV_PACKET2_PARAMETERS - 1] == SV_FAST_SYNC_READ2) {
     sv_bus_expect(bus, sv_bus_fast_size(asked), asked->n);
     sv_collect_fast(bus, asked, &corrupt);
-  } else {
+  } else if (sent) {
     sv_bus_expect(bus, asked->n * (around + asked->size), asked->n);
     sv_collect(bus, asked, &corrupt);
   }
   // what was read and not used was part of a transaction that is over
   bus->nreceived = 0;
-  int32_t heard = 0;
   for (int32_t i = 0; i < asked->n; i++) {
     const int32_t joint = asked->joints[i];
     sv_reply* reply = sv_place(asked, joint);
-    if (reply->status == SV_REPLY_MISSING) {
+    if (reply->status != SV_REPLY_MISSING) {
+      heard = i + 1;
+    } else {
       reply->status = corrupt ? SV_REPLY_CORRUPT : SV_REPLY_MISSING;
+      reply->error = 0;
       reply->late = !corrupt && bus->strays > bus->strays_seen[joint];
       reply->t_us = sv_hal_now_us();
       sv_bus_remember_late(bus, asked->size);
     }
-    heard = reply->status == SV_REPLY_MISSING ? heard : i + 1;
     bus->strays_seen[joint] = bus->strays;
   }
-  return heard;
+  return corrupt ? asked->n : heard;  // who is corrupt is not silent
 }

@@ -20,7 +20,6 @@ typedef struct {
   int32_t first;      // the joint that the first place of replies and data belongs to
   sv_reply* replies;  // by joint
   uint8_t* data;      // by joint, `wanted` apart
-  uint8_t fast;       // all answer in one packet
 } sv_asked;
 
 // Return how many bytes an answer to a fast sync read has.

@@ -88,16 +88,12 @@ int32_t sv_packet2_unstuff(uint8_t* packet) {
   const int32_t nbody = sv_length(packet) - 2;
   uint8_t* body = packet + SV_PREFIX;
   int32_t n = 0;
-  int32_t after = 0;  // FF FF FD has just been taken
+  uint32_t came = 0;  // the last four bytes, as they came: FF FF FD FD FD loses one only
   for (int32_t i = 0; i < nbody; i++) {
-    if (after && body[i] == 0xFD) {
-      after = 0;
-      continue;
+    came = came << 8 | body[i];
+    if (came != 0xFFFFFDFDU) {
+      body[n++] = body[i];
     }
-    // the bytes as they came decide, so that FF FF FD FD FD loses one byte only
-    body[n] = body[i];
-    n++;
-    after = n >= 3 && sv_is_header(body + n - 3);
   }
   return n;
 }
