@@ -102,6 +102,7 @@ def period(schedule: Schedule, k: int) -> tuple[Transaction, ...]:
     due = SvTransaction()
     listed: list[Transaction] = []
     while library().sv_schedule_due(byref(packed), k, len(listed), byref(due)):
-        address, size = (due.block[0].address, due.block[0].size) if due.block else (0, 0)
-        listed.append(Transaction(TransactionKind(due.kind), due.servo, address, size))
+        kind, block = TransactionKind(due.kind), due.block[0]
+        address, size = (0, 0) if kind == TransactionKind.RUN_CYCLE else (block.address, block.size)
+        listed.append(Transaction(kind, due.servo, address, size))
     return tuple(listed)

@@ -1,11 +1,10 @@
 #include "sv_schedule.h"
 
 int32_t sv_schedule_due(const sv_schedule* schedule, int32_t k, int32_t i, sv_transaction* due) {
-  const sv_block* const blocks[SV_READ_HEALTH] = {&schedule->state, 0, &schedule->goal};
   due->kind = i;
   due->servo = -1;
   if (i < SV_READ_HEALTH) {
-    due->block = blocks[i];
+    due->block = i == SV_READ_STATE ? &schedule->state : &schedule->goal;
     return 1;
   }
   if (i > SV_READ_HEALTH || schedule->nservo < 1 || schedule->nhealth < 1 || schedule->health_every < 1 || k < 0 ||

@@ -40,7 +40,7 @@ typedef struct {
 typedef struct {
   int32_t kind;           // sv_transaction_kind
   int32_t servo;          // index on the bus for SV_READ_HEALTH, else -1
-  const sv_block* block;  // what is read or written; 0 for SV_RUN_CYCLE
+  const sv_block* block;  // what is read or written; no matter for SV_RUN_CYCLE
 } sv_transaction;
 
 // Tell what happens as number i >= 0 in period k >= 0: => due; return whether anything does.

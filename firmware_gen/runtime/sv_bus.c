@@ -55,8 +55,7 @@ static int32_t sv_seal(const sv_rig* rig, uint8_t* frame, uint8_t id, uint8_t in
 
 // Send the parameters that end at `end`; return whether the packet went out.
 static int32_t sv_send(sv_bus* bus, uint8_t id, uint8_t instruction, int32_t end) {
-  bus->nframe = sv_seal(SV_RIG(bus), bus->frame, id, instruction, end);
-  return sv_bus_send(bus);
+  return sv_bus_send(bus, sv_seal(SV_RIG(bus), bus->frame, id, instruction, end));
 }
 
 int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size, const uint8_t* data, uint8_t* frame) {
@@ -72,18 +71,14 @@ int32_t sv_bus_sync_write_frame(const sv_rig* rig, int32_t address, int32_t size
 
 void sv_bus_init(sv_bus* bus, const sv_rig* rig) {
   SV_SET_RIG(bus, rig);
-  bus->nreceived = 0;
-  bus->nframe = 0;
   bus->silent = 0;
   bus->whole = 0;
   bus->strays = 0;
   for (int32_t i = 0; i < SV_JOINT_MAX; i++) {
     bus->strays_seen[i] = 0;
   }
-  bus->echoed = 0;
   bus->line_from_us = 0;
   bus->line_nbyte = 0;
-  bus->deadline_us = 0;
   bus->patience_us = rig->patience_us;
   bus->nbyte = 0;
   sv_bus_forget_late(bus);
@@ -198,8 +193,7 @@ void sv_bus_sync_read(sv_bus* bus, int32_t address, int32_t size, sv_reply* repl
 }
 
 void sv_bus_sync_write(sv_bus* bus, int32_t address, int32_t size, const uint8_t* data) {
-  bus->nframe = sv_bus_sync_write_frame(SV_RIG(bus), address, size, data, bus->frame);
-  (void)sv_bus_send(bus);
+  (void)sv_bus_send(bus, sv_bus_sync_write_frame(SV_RIG(bus), address, size, data, bus->frame));
 }
 
 int32_t sv_bus_read_register(sv_bus* bus, int32_t joint, const sv_register* reg, int32_t attempts, int32_t* count) {

@@ -23,28 +23,34 @@ static void sv_clear_line(sv_bus* bus, uint32_t now_us) {
   }
 }
 
+// Take what waits; return how many bytes.
+static int32_t sv_read_line(sv_bus* bus) {
+  const int32_t room = (int32_t)sizeof bus->received - bus->nreceived;
+  const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received + bus->nreceived, room);
+  bus->nreceived += n;
+  bus->nbyte += (uint32_t)n;
+  return n;
+}
+
 // Drop every byte that waits: it answers nothing that will be asked now.
 static void sv_flush(sv_bus* bus) {
   bus->nreceived = 0;
-  for (int32_t i = 0; i < SV_FLUSH_MAX; i++) {
-    const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received, (int32_t)sizeof bus->received);
-    if (n <= 0) {
-      return;
-    }
-    bus->strays += n;
-    bus->nbyte += (uint32_t)n;
+  for (int32_t i = 0; i < SV_FLUSH_MAX && sv_read_line(bus) > 0; i++) {
+    bus->strays += bus->nreceived;
+    bus->nreceived = 0;
   }
 }
 
-int32_t sv_bus_send(sv_bus* bus) {
+int32_t sv_bus_send(sv_bus* bus, int32_t nframe) {
+  bus->nframe = nframe;
   sv_flush(bus);
   const uint32_t begin_us = sv_hal_now_us();
-  if (bus->nframe == 0 || sv_hal_write(SV_LINE_BUS, bus->frame, bus->nframe) != bus->nframe) {
+  if (nframe == 0 || sv_hal_write(SV_LINE_BUS, bus->frame, nframe) != nframe) {
     return 0;
   }
-  bus->nbyte += (uint32_t)bus->nframe;
+  bus->nbyte += (uint32_t)nframe;
   sv_clear_line(bus, begin_us);
-  bus->line_nbyte += bus->nframe;
+  bus->line_nbyte += nframe;
   return 1;
 }
 
@@ -64,18 +70,14 @@ void sv_doze(uint32_t until_us) {
 }
 
 int32_t sv_bus_take(sv_bus* bus) {
-  const int32_t room = (int32_t)sizeof bus->received - bus->nreceived;
   for (;;) {
     const uint32_t now_us = sv_hal_now_us();
     const int32_t left_us = (int32_t)(bus->deadline_us - now_us);
     // what has come by the deadline is taken after it, but a line that never falls silent is left alone
-    if (room == 0 || left_us <= -SV_OVERDUE_US_MAX) {
+    if (bus->nreceived == (int32_t)sizeof bus->received || left_us <= -SV_OVERDUE_US_MAX) {
       return 0;
     }
-    const int32_t n = sv_hal_read(SV_LINE_BUS, bus->received + bus->nreceived, room);
-    if (n > 0) {
-      bus->nreceived += n;
-      bus->nbyte += (uint32_t)n;
+    if (sv_read_line(bus) > 0) {
       return 1;
     }
     if (left_us <= 0) {

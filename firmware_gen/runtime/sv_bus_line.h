@@ -11,9 +11,9 @@
 extern "C" {
 #endif
 
-// Send the frame, if it did fit, once what waits has been dropped: it answers nothing that is asked now. Return whether
-// it went out.
-int32_t sv_bus_send(sv_bus* bus);
+// Send the frame's bytes, 0: it did not fit; what waits is dropped before, for it answers nothing that is asked now.
+// Return whether it went out.
+int32_t sv_bus_send(sv_bus* bus, int32_t nframe);
 
 // Set the deadline of replies to what has just been sent, of `nbyte` bytes together.
 void sv_bus_expect(sv_bus* bus, int32_t nbyte, int32_t nreply);
