@@ -92,7 +92,8 @@ static void sv_hear_packet(sv_bus* bus, const sv_asked* asked, int32_t size) {
   uint8_t* packet = bus->received;
   if (sv_is_dynamixel(bus)) {
     const int32_t ndata = sv_packet2_unstuff(packet) - 2;
-    if (!sv_hear(bus, asked, sv_joint_of(bus, asked, packet[4]), packet[8], packet + 9, ndata)) {
+    if (!sv_hear(bus, asked, sv_joint_of(bus, asked, packet[4]), packet[8], packet + SV_PACKET2_PARAMETERS + 1,
+                 ndata)) {
       bus->strays += SV_PACKET2_STATUS + ndata;
     }
   } else if (!sv_is_echo(bus, size) && !sv_hear(bus, asked, sv_joint_of(bus, asked, packet[2]), packet[4],
