@@ -198,6 +198,21 @@ def test_a_late_reply_does_not_answer_the_next_question(scripted):
     assert port.sent_frames[-1][10] == 4  # nothing can be late any more
 
 
+@pytest.mark.parametrize(
+    ("wanted", "asked"),
+    [
+        ((4, 3, 3, 3), (4, 3, 5, 6)),
+        ((4, 3, 3, 11), (4, 3, 5, 14)),  # lengths that differ by 8 count as one
+        ((1,) * 10, (1, 2, 3, 4, 5, 6, 7, 8, 1, 2)),  # where every length may be late, the one that was lost first
+    ],
+)
+def test_no_question_asks_for_as_many_bytes_as_an_answer_that_is_still_missing(scripted, wanted, asked):
+    port = scripted(lambda _: [])
+    bus = DynamixelBus(port)
+    assert {bus.read(1 + number % 2, 132, length).status for number, length in enumerate(wanted)} == {"missing"}
+    assert tuple(frame[10] for frame in port.sent_frames) == asked
+
+
 def test_what_can_not_be_read_one_byte_further_is_read_as_it_is(scripted):
     def answer(frame):
         if len(port.sent_frames) == 1:
