@@ -61,11 +61,12 @@ def _servo_tables(kind: int, rig: Rig, joint: Joint) -> list[str]:
     """Write the rows of one servo's checks and settings."""
     settings = [(f"{{{register_c(line)}, {count}}}", line.name) for line, count in setting_counts(joint)]
     return [
-        f"// {joint.product.name}",
+        f"// {joint.product.name}: register, low, high, mask, finding; limits and position are the joint's",
         f"static const sv_check checks{kind}[] = {{",
         *row_lines((_check(row), row.register.name) for row in check_rows(rig, joint)),
         "};",
         "",
+        "// written before torque",
         f"static const sv_setting settings{kind}[] = {{",
         *row_lines(settings),
         "};",

@@ -39,7 +39,8 @@ typedef struct {
   uint16_t value;  // counts
 } sv_setting;
 
-// A register must hold low..high; what depends on the joint takes its place as its kind says.
+// A register must hold low..high. What is found otherwise tells whose bounds they are: those of a limit are the joint's
+// goals, those of a position its places.
 typedef struct {
   sv_register reg;
   uint16_t low;
