@@ -101,7 +101,7 @@ int32_t sv_bus_ping(sv_bus* bus, int32_t joint, uint16_t* model) {
     // the answer of a servo whose only error is its voltage equals the question: what it says next is no echo
     status = sv_bus_read(bus, joint, SV_MODEL_ADDRESS1, SV_MODEL_SIZE1, data);
   }
-  *model = (uint16_t)(data[0] | data[1] << 8);
+  *model = (uint16_t)(data[0] | (uint32_t)data[1] << 8);
   return status;
 }
 

@@ -123,7 +123,7 @@ static void sv_hear_parts(sv_bus* bus, const sv_asked* asked, int32_t* corrupt) 
       }
     }
     const uint8_t* part = bus->received + begin;
-    const uint16_t said = (uint16_t)(bus->received[end] | bus->received[end + 1] << 8);
+    const uint16_t said = (uint16_t)(bus->received[end] | (uint32_t)bus->received[end + 1] << 8);
     const int32_t joint = asked->joints[i];
     if (sv_packet2_crc(crc, part, end - begin) == said && part[1] == SV_RIG(bus)->joints[joint].id) {
       (void)sv_hear(bus, asked, joint, part[0], part + 2, asked->size);

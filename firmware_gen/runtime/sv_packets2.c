@@ -77,7 +77,7 @@ sv_scan sv_packet2_scan(const uint8_t* bytes, int32_t n, uint8_t id_max) {
     if (n - scan.first < end) {
       return scan;
     }
-    const uint16_t crc = (uint16_t)(packet[end - 2] | packet[end - 1] << 8);
+    const uint16_t crc = (uint16_t)(packet[end - 2] | (uint32_t)packet[end - 1] << 8);
     scan.result = sv_packet2_crc(0, packet, end - 2) == crc ? SV_SCAN_PACKET : SV_SCAN_CORRUPT;
     return scan;
   }
