@@ -148,7 +148,6 @@ static const setting kSettings[] = {
     {&GPIOB->moder, 2U << 12 | 2U << 14 | 1U << 16 | 2U << 22},
     {&GPIOC->moder, 2U << 12 | 2U << 14},
     {&USART1->cr3, BUS_WIRES == 1 ? CR3_HDSEL : 0U},
-    {&USART1->cr1, CR1_RUN},
     {&USART3->brr, (APB1_HZ + SENSOR_BAUD / 2U) / SENSOR_BAUD},
     {&USART3->cr1, CR1_RUN},
     {&USART6->brr, (APB2_HZ + CONSOLE_BAUD / 2U) / CONSOLE_BAUD},
@@ -197,6 +196,7 @@ void sv_hal_init(void) {
     *kSettings[i].reg |= kSettings[i].bits;
   }
   USART1->brr = (APB2_HZ + (uint32_t)SV_BAUD(&servolve_rig) / 2U) / (uint32_t)SV_BAUD(&servolve_rig);
+  USART1->cr1 = CR1_RUN;
   const int32_t crystal = !is_silicon || start_clock();
   // microseconds, for ever; QEMU's timers count at 1 GHz
   TIM2_PSC = is_silicon ? 2U * APB1_HZ / 1000000U - 1U : 999U;
