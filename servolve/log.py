@@ -163,6 +163,6 @@ def _report(
         if what:
             console.print(f"servolve: warning: {sentence}", highlight=False, markup=False, soft_wrap=True)
     tell(console, rig, outcome, told, False, options.arm)
-    if outcome.reason:
+    if outcome.reason and (options.arm or not outcome.done):  # a dry run that is done has said so
         console.print(f"ended by: {outcome.reason}", highlight=False, markup=False, soft_wrap=True)
     print(out)
