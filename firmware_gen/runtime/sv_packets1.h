@@ -16,9 +16,8 @@
 extern "C" {
 #endif
 
-#define SV_PACKET1_PARAMETERS 5   // where they stand in a frame
-#define SV_PACKET1_STATUS 6       // bytes of a status packet without data
-#define SV_PACKET1_BROADCAST 254  // id: everybody
+#define SV_PACKET1_PARAMETERS 5  // where they stand in a frame
+#define SV_PACKET1_STATUS 6      // bytes of a status packet without data
 
 typedef enum {
   SV_PING1 = 0x01,
