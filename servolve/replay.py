@@ -35,5 +35,7 @@ def replay(
         end = "" if found.log.complete else ", as far as the log goes"
         print(f"{log}: {found.cycles} periods of {found.controller.name} are the same, bit for bit{end}")
     if found.difference is not None:
-        raise RunError(f"{log}: {found.difference}; the log was changed, or this is another servolve than recorded it")
+        raise RunError(
+            f"{log}: {found.difference}; the log was changed or has gaps, or this is another servolve than recorded it"
+        )
     return 0
