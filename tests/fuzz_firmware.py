@@ -151,6 +151,18 @@ def fuzz(target, corpus, *limits):
     return Figures(executions, edges, len(list(corpus.iterdir())))
 
 
+def reached(target, corpus):
+    """Return the names of the functions that a corpus reaches.
+
+    Args:
+        target: the fuzzer
+        corpus: the inputs
+    """
+    command = [str(target), str(corpus), f"-max_len={INPUT_BYTES_MAX}", "-runs=0", "-print_coverage=1"]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=True)
+    return set(re.findall(r"^COVERED_FUNC: .* (\w+) \S+$", done.stderr, re.MULTILINE))
+
+
 def _main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("targets", nargs="*", default=[*PARSERS, *IMAGES], help="left out: all")

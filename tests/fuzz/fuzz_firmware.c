@@ -198,13 +198,13 @@ static int32_t put_decimal(uint8_t* text, uint32_t value) {
   return n;
 }
 
-static void send_line(char letter, int32_t nfield) {
+static void send_line(const sv_message* message) {
   static const char kHex[] = "0123456789ABCDEF";
-  uint8_t text[200] = {'$', (uint8_t)letter, ','};
+  uint8_t text[200] = {'$', (uint8_t)message->letter, ','};
   int32_t n = 3 + put_decimal(text + 3, world.seq);
   text[n++] = ',';
   n += put_decimal(text + n, (uint32_t)world.now_us);
-  for (int32_t i = 0; i < nfield; i++) {
+  for (int32_t i = 0; i < message->width; i++) {
     text[n++] = ',';
     text[n++] = (uint8_t)('0' + (world.silent & 6));
   }
@@ -218,15 +218,8 @@ static void send_line(char letter, int32_t nfield) {
 }
 
 static void send_lines(void) {
-  for (char letter = 'A'; letter <= 'Z'; letter++) {
-    int32_t nfield = 0;
-    for (int32_t i = 0; i < servolve_rig.nsensor; i++) {
-      const sv_sensor* sensor = servolve_rig.sensors + i;
-      nfield = sensor->message == letter && sensor->field >= nfield ? sensor->field + 1 : nfield;
-    }
-    if (nfield > 0) {
-      send_line(letter, nfield);
-    }
+  for (int32_t i = 0; i < servolve_rig.nmessage; i++) {
+    send_line(servolve_rig.messages + i);
   }
   world.seq++;
 }
