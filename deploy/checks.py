@@ -10,13 +10,13 @@ from typing import Final
 from controller.controller import Controller
 from controller.registers import Register, decode_register, registers
 from controller.rig import Joint, Rig
+from deploy.buses.line_time import period_line_s
+from deploy.buses.port import usb_latency_s
+from deploy.buses.reading import Reading
+from deploy.buses.sensor_reader import SensorReader
+from deploy.buses.servo_bus import Reply, ServoBus
 from deploy.finding import Finding, Fix
-from deploy.line_time import period_line_s
-from deploy.port import usb_latency_s
-from deploy.reading import Reading
 from deploy.safety import judge_hardware_error
-from deploy.sensor_reader import SensorReader
-from deploy.servo_bus import Reply, ServoBus
 from deploy.servo_findings import setting_findings, state_findings
 
 __all__ = [

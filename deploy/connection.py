@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from controller.errors import InputError
 from controller.rig import Rig
+from deploy.buses.open_bus import open_bus
+from deploy.buses.port import SerialPort
+from deploy.buses.sensor_port import SensorPort
 from deploy.clock import LockstepClock, RealClock
 from deploy.drivable import require_drivable
-from deploy.open_bus import open_bus
 from deploy.period import Connection
-from deploy.port import SerialPort
-from deploy.sensor_port import SensorPort
 from deploy.witness import Witness
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def connect_virtual(virtual: VirtualRig, stop: Callable[[], str | None]) -> Iter
     Yields:
         the connection
     """
-    from deploy.lockstep_port import LockstepPort
+    from deploy.buses.lockstep_port import LockstepPort
     from deploy.virtual.lockstep import LockstepBench
 
     rig = virtual.rig

@@ -11,13 +11,13 @@ from controller.controller import Controller
 from controller.errors import RunError
 from controller.native import NativeCycle, pack_cycle
 from controller.rig import Joint, Rig
+from deploy.buses.reading import Reading
 from deploy.checks import Finding, check_controller, check_derating, check_sensors, check_servos
-from deploy.cycle_message import CycleStep, CycleWords
 from deploy.homing import home
-from deploy.log import RunLog
+from deploy.logs.cycle_message import CycleStep, CycleWords
+from deploy.logs.log import RunLog
+from deploy.logs.run_record import RunRecord
 from deploy.period import Connection, FaultError, Periods, StopRunError
-from deploy.reading import Reading
-from deploy.run_record import RunRecord
 from deploy.states import State, StateMachine
 from deploy.torque import hold, release, seed_goals, torque_on, unsure_sentence, write_settings
 

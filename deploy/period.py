@@ -17,10 +17,12 @@ from controller.needed_sensors import needed_sensors
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.schedule import Transaction, TransactionKind, period, schedule_of
+from deploy.buses.sensor_port import SensorPort
+from deploy.buses.servo_bus import BusError, Reply, ServoBus
 from deploy.clock import Clock
 from deploy.joint_counts import goal_limits, joint_angle, joint_speed
+from deploy.logs.run_record import RunRecord
 from deploy.rig_io import RigIO
-from deploy.run_record import RunRecord
 from deploy.safety import (
     Watch,
     judge_alert,
@@ -35,8 +37,6 @@ from deploy.safety import (
     judge_torque,
     judge_tracking,
 )
-from deploy.sensor_port import SensorPort
-from deploy.servo_bus import BusError, Reply, ServoBus
 from deploy.witness import Witness
 
 TRIPPED: Final = 255

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from controller.register import Register, decode_register, encode_register
 from controller.registers import registers
 from controller.rig import Rig
+from deploy.buses.sensor_port import SensorPort
+from deploy.buses.sensor_reader import SensorReader
+from deploy.buses.servo_bus import Reply, ServoBus
 from deploy.clock import Clock
 from deploy.joint_counts import joint_angle
-from deploy.sensor_port import SensorPort
-from deploy.sensor_reader import SensorReader
-from deploy.servo_bus import Reply, ServoBus
 
 
 def raw_channels(rig: Rig) -> tuple[str, ...]:

@@ -13,8 +13,8 @@ from typing import Final
 
 from controller.registers import registers
 from controller.rig import Joint, Rig
+from deploy.buses.servo_bus import Reply
 from deploy.joint_counts import joint_speed
-from deploy.servo_bus import Reply
 
 PERSISTENT: Final = 3
 """A heat, voltage or tilt reading must come this often in a row before it counts."""

@@ -9,10 +9,10 @@ from controller.homing import derated
 from controller.register import Register, encode_register
 from controller.registers import registers
 from controller.rig import Joint, Rig
+from deploy.buses.port import PortLostError
+from deploy.buses.servo_bus import BusError, ServoBus
 from deploy.clock import Clock
 from deploy.joint_counts import count_limits
-from deploy.port import PortLostError
-from deploy.servo_bus import BusError, ServoBus
 
 _RELEASE_S_MAX: Final = 1.0
 _RELEASE_PAUSE_S: Final = 0.05

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deploy.comparison import count_hops
+from deploy.logs.comparison import count_hops
 
 if TYPE_CHECKING:
     from deploy.virtual.plant import Truth

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 import runs
+from deploy.connection import connect_ports, connect_virtual
+from deploy.joint_counts import joint_angle, joint_count
 from interrupts import SIGNALS, Interrupts
 from lab_report import LabReport, Measurement
 from unplugging import unplug_virtual, unplugger
@@ -23,12 +25,10 @@ from controller import Rig, load_rig, registers
 from controller.errors import InputError
 from controller.register import Register, encode_register
 from controller.rig import Joint
+from deploy.buses.servo_bus import ServoBus
 from deploy.checks import check_servos
 from deploy.clock import Clock
-from deploy.connection import connect_ports, connect_virtual
-from deploy.joint_counts import joint_angle, joint_count
 from deploy.period import Connection
-from deploy.servo_bus import ServoBus
 from deploy.torque import release, seed_goals, torque_on, write_settings
 from firmware_gen.projects.rig_config import require_speakable
 

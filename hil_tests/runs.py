@@ -12,7 +12,7 @@ import pytest
 
 from controller import Controller, Rig, controller_text, parse_controller
 from deploy.host_loop import Outcome, RunOptions, run_controller
-from deploy.log import Log, RunLog, read_log
+from deploy.logs.log import Log, RunLog, read_log
 from deploy.period import Connection
 
 SWAY_RAD = 0.1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from controller.register import encode_register
-from deploy.port import PortLostError
+from deploy.buses.port import PortLostError
 from deploy.torque import release
 
 AWAY_S = 0.3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from controller import registers
-from deploy.replay import replay
+from deploy.logs.replay import replay
 from deploy.states import State
 
 SECONDS = 1.0

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 if TYPE_CHECKING:
-    from deploy.comparison import Array, Comparison
+    from deploy.logs.comparison import Array, Comparison
 
 
 def compare(
@@ -34,7 +34,7 @@ def compare(
     Returns:
         exit status
     """
-    from deploy.compare import compare as compare_log
+    from deploy.logs.compare import compare as compare_log
 
     found = compare_log(log)
     stderr = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)

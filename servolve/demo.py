@@ -266,7 +266,7 @@ def _road(stages: _Stages, out: Path, goal_m: float) -> dict[str, Any]:
 
 def _differences_on_recorded(stages: _Stages, out: Path, log: Path) -> dict[str, int]:
     """Put a log's terminals through virtual machine and C; count the outputs that differ from the log's."""
-    from deploy.log import read_log
+    from deploy.logs.log import read_log
 
     cycles = read_log(log).cycles
     table = out / "rig-terminals.csv"

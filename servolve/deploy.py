@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Final
 
 from cyclopts import Parameter
+from deploy.connection import connect_ports, connect_virtual
 from rich.console import Console
 
 from controller import Controller, Rig, load_controller, load_rig
@@ -16,13 +17,12 @@ from controller.errors import InputError
 from controller.native import pack_cycle
 from controller.rig_file import rig_names
 from deploy.checks import check_controller
-from deploy.connection import connect_ports, connect_virtual
 from deploy.drivable import require_drivable
 from deploy.host_loop import RunOptions, run_controller
-from deploy.log import RunLog
+from deploy.logs.log import RunLog
+from deploy.logs.summary import summary
 from deploy.realtime import realtime
 from deploy.stop_request import StopRequest
-from deploy.summary import summary
 from servolve.announcer import Announcer
 from servolve.run_meta import GOAL_M, check_length, check_run, run_meta, run_seconds
 from servolve.run_rig import rig_of

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deploy.comparison import HOP_CLEARANCE_M, Array, Comparison, Track
+from deploy.logs.comparison import HOP_CLEARANCE_M, Array, Comparison, Track
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

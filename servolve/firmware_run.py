@@ -16,9 +16,9 @@ from controller.errors import InputError
 from deploy.checks import check_controller
 from deploy.firmware.commands import commands
 from deploy.host_loop import RunOptions
-from deploy.log import RunLog, check_log_path
+from deploy.logs.log import RunLog, check_log_path
+from deploy.logs.summary import summary
 from deploy.stop_request import StopRequest
-from deploy.summary import summary
 from servolve.run_meta import GOAL_M, check_length, check_run, run_meta, run_seconds
 from servolve.run_table import exit_status, not_told, tell, warn
 from servolve.virtual_options import VirtualOptions, virtual_options

@@ -16,8 +16,8 @@ from controller.rig_file import parse_rig, rig_names
 from deploy.firmware.dump import DumpedRun, dumped_runs, lost_cycles, write_run
 from deploy.firmware.records import FORMAT
 from deploy.host_loop import Outcome, RunOptions
-from deploy.log import RunLog
-from deploy.summary import summary
+from deploy.logs.log import RunLog
+from deploy.logs.summary import summary
 from firmware_gen.projects.fingerprints import rig_fingerprint
 from servolve.run_meta import run_meta
 from servolve.run_rig import rig_of

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from rich.table import Table
 
-from deploy.reading import Reading
+from deploy.buses.reading import Reading
 
 
 def reading_table(readings: Sequence[Reading]) -> Table:

@@ -10,11 +10,11 @@ from rich.console import Console
 
 from controller.errors import RunError
 from controller.rig import Joint, Rig
-from deploy.calibration import Travel, calibrate_joint, centred_offset, shifted
+from deploy.buses.servo_bus import ServoBus
+from deploy.commissioning.calibration import Travel, calibrate_joint, centred_offset, shifted
+from deploy.commissioning.fix import apply_fixes, read_backup
+from deploy.commissioning.servo_backup import save_backup
 from deploy.finding import Fix
-from deploy.fix import apply_fixes, read_backup
-from deploy.servo_backup import save_backup
-from deploy.servo_bus import ServoBus
 from servolve.rig_consent import agreed, backup_path, restore_command
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from controller.errors import RunError
-from deploy.replay import replay as replay_log
+from deploy.logs.replay import replay as replay_log
 
 
 def replay(

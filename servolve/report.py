@@ -12,7 +12,7 @@ from controller.controller_file import parse_controller
 from controller.errors import InputError
 from controller.rig import Rig
 from controller.text import format_source
-from deploy.comparison import Comparison, Outcome
+from deploy.logs.comparison import Comparison, Outcome
 from servolve.figures import RIG, SIM, force_figure, joint_figure, path_figure, timing_figure
 
 _NOTHING = (("–", "not said"),)

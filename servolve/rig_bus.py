@@ -8,9 +8,9 @@ from typing import Final
 
 from controller.rig import Rig
 from controller.rig_file import require_bus
-from deploy.open_bus import open_bus
-from deploy.port import SerialPort
-from deploy.servo_bus import ServoBus
+from deploy.buses.open_bus import open_bus
+from deploy.buses.port import SerialPort
+from deploy.buses.servo_bus import ServoBus
 
 PATIENCE_S: Final = 0.1
 """For what is done once, and must not fail because the machine is busy [s]."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
+from deploy.joint_counts import count_limits
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -23,20 +24,19 @@ from controller.families import family_of
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.rig_file import load_rig, parse_rig, require_bus, rig_names
-from deploy.calibration import (
+from deploy.buses.servo_bus import ServoBus
+from deploy.clock import RealClock
+from deploy.commissioning.calibration import (
     MARGIN_RAD,
     Travel,
     calibrate_joint,
     exported_motor,
     imported_travel,
 )
-from deploy.clock import RealClock
-from deploy.joint_counts import count_limits
-from deploy.lerobot import MotorCalibration, calibration_text, read_calibration
-from deploy.range_recorder import read_counts, record_travel
-from deploy.servo_bus import ServoBus
+from deploy.commissioning.lerobot import MotorCalibration, calibration_text, read_calibration
+from deploy.commissioning.range_recorder import read_counts, record_travel
+from deploy.commissioning.toml_edit import set_values
 from deploy.stop_request import StopRequest
-from deploy.toml_edit import set_values
 from deploy.torque import release, unsure_sentence
 from servolve.rehome import Pose, centred, rehome
 from servolve.rig_bus import PATIENCE_S, rig_bus

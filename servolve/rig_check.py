@@ -21,16 +21,16 @@ from controller.families import family_of
 from controller.products import PRODUCTS
 from controller.rig import Rig
 from controller.rig_file import load_rig
+from deploy.buses.reading import Reading
+from deploy.buses.sensor_port import SensorPort
+from deploy.buses.sensor_reader import SensorReader
+from deploy.buses.servo_bus import BusError, ServoBus
+from deploy.buses.usb_latency import shorten_timer, slow_timer
 from deploy.checks import check_sensors, check_servos
+from deploy.commissioning.fix import apply_fixes, find_baud, read_backup, restoring
+from deploy.commissioning.servo_backup import ServoBackup, load_backup, save_backup
 from deploy.finding import Finding, Fix
-from deploy.fix import apply_fixes, find_baud, read_backup, restoring
-from deploy.reading import Reading
-from deploy.sensor_port import SensorPort
-from deploy.sensor_reader import SensorReader
-from deploy.servo_backup import ServoBackup, load_backup, save_backup
-from deploy.servo_bus import BusError, ServoBus
 from deploy.servo_findings import setting_findings
-from deploy.usb_latency import shorten_timer, slow_timer
 from servolve.reading_table import reading_table
 from servolve.rig_bus import PATIENCE_S, rig_bus
 from servolve.rig_consent import agreed, backup_path, restore_command

@@ -19,7 +19,7 @@ from controller.registers import registers
 from controller.rig import Rig
 from controller.rig_file import load_rig
 from deploy.clock import RealClock
-from deploy.monitor import ServoView, View, watch
+from deploy.commissioning.monitor import ServoView, View, watch
 from deploy.stop_request import StopRequest
 from servolve.rig_bus import rig_bus
 

@@ -16,8 +16,8 @@ from controller.families import family_of
 from controller.products import PRODUCTS
 from controller.registers import registers
 from controller.rig_file import load_rig, rig_names
-from deploy.port import SerialPort
-from deploy.scan import PROTOCOLS, Found, Step, found_servos, scan, scan_steps
+from deploy.buses.port import SerialPort
+from deploy.commissioning.scan import PROTOCOLS, Found, Step, found_servos, scan, scan_steps
 
 ID_MAX: Final = 253
 _SOCKET_BAUD: Final = 57_600

@@ -15,10 +15,10 @@ from controller.errors import InputError, RunError
 from controller.families import family_of
 from controller.products import PRODUCTS, Product
 from controller.rig_file import load_rig, require_bus
-from deploy.port import SerialPort
-from deploy.scan import Found
-from deploy.servo_backup import ServoBackup, save_backup
-from deploy.servo_setup import Place, changes, find_servo, move_servo, require_free
+from deploy.buses.port import SerialPort
+from deploy.commissioning.scan import Found
+from deploy.commissioning.servo_backup import ServoBackup, save_backup
+from deploy.commissioning.servo_setup import Place, changes, find_servo, move_servo, require_free
 from servolve.rig_consent import agreed, backup_path
 
 _SOCKET_BAUD: Final = 57_600

@@ -9,7 +9,7 @@ from typing import Any, Final
 from controller import Controller, Rig, controller_text
 from controller.errors import InputError
 from deploy.host_loop import RunOptions
-from deploy.log_topics import FORMAT
+from deploy.logs.log_topics import FORMAT
 from servolve.virtual_options import VirtualOptions
 
 GOAL_M: Final = 0.4

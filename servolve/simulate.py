@@ -148,9 +148,9 @@ def write_log(run: Simulation, path: Path, seconds: float, twin: Twin | None) ->
         seconds: length that was asked for [s]
         twin: its twin, or None
     """
-    from deploy.cycle_message import CycleWords, finite
-    from deploy.log import RunLog
-    from deploy.log_topics import FORMAT
+    from deploy.logs.cycle_message import CycleWords, finite
+    from deploy.logs.log import RunLog
+    from deploy.logs.log_topics import FORMAT
     from deploy.rig_io import raw_channels
 
     rig, names = run.rig, raw_channels(run.rig)

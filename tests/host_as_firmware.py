@@ -5,12 +5,12 @@ import queue
 import threading
 
 from controller.errors import RunError
+from deploy.buses.open_bus import open_bus
+from deploy.buses.port import SerialPort
 from deploy.firmware.machine import Given, Taken
 from deploy.host_loop import run_controller
-from deploy.log import RunLog
-from deploy.open_bus import open_bus
+from deploy.logs.log import RunLog
 from deploy.period import Connection
-from deploy.port import SerialPort
 
 
 def microseconds(t):

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import dynamixel_sdk
 import scservo_sdk
+from deploy.connection import connect_virtual
 
 from controller import controller_text, load_rig, parse_controller, registers
-from deploy.connection import connect_virtual
+from deploy.buses.lockstep_port import LockstepPort
 from deploy.host_loop import RunOptions, run_controller
-from deploy.lockstep_port import LockstepPort
-from deploy.log import RunLog, read_log
+from deploy.logs.log import RunLog, read_log
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

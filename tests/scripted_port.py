@@ -2,7 +2,7 @@
 
 import pytest
 
-from deploy.port import SerialPort
+from deploy.buses.port import SerialPort
 from deploy.virtual.pty_line import PtyLine
 
 BAUD = 1_000_000

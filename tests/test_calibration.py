@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from controller import load_rig
 from controller.errors import InputError
 from controller.products import PRODUCTS
-from deploy.calibration import (
+from deploy.commissioning.calibration import (
     Travel,
     begin_travel,
     calibrate_joint,
@@ -20,7 +20,7 @@ from deploy.calibration import (
     imported_travel,
     shifted,
 )
-from deploy.lerobot import MotorCalibration
+from deploy.commissioning.lerobot import MotorCalibration
 
 X330 = load_rig("lamp-xc330").joints[0]
 STS = replace(X330, name="s", product=PRODUCTS["sts3215"])

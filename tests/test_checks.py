@@ -4,7 +4,7 @@ import pytest
 from rig_bench import Bench
 
 from controller import load_rig, registers
-from deploy.line_time import period_line_s
+from deploy.buses.line_time import period_line_s
 
 RIGS = {name: load_rig(name) for name in ("lamp-xc330", "lamp-xl430", "lamp-sts3215", "lamp-ax12")}
 

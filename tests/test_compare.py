@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from controller.errors import InputError
-from deploy.compare import compare
-from deploy.log import RunLog, read_log
+from deploy.logs.compare import compare
+from deploy.logs.log import RunLog, read_log
 from servolve.cli import main
 from servolve.report import read_strip, report_html, write_report
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller import load_rig
-from deploy.comparison import HOP_CLEARANCE_M, count_hops, joint_errors
-from deploy.goal_replay import STEP_S, GoalWrites, SampleTimes, Start, replay_goals, tilt, to_start_frame
+from deploy.logs.comparison import HOP_CLEARANCE_M, count_hops, joint_errors
+from deploy.logs.goal_replay import STEP_S, GoalWrites, SampleTimes, Start, replay_goals, tilt, to_start_frame
 
 
 def test_joint_errors_are_root_mean_squares():

@@ -9,7 +9,7 @@ import sys
 import pytest
 from lamp_controllers import NOD
 
-from deploy.log import read_log
+from deploy.logs.log import read_log
 from deploy.realtime import realtime
 from servolve.cli import main
 

@@ -11,8 +11,8 @@ from lamp_controllers import SWAY
 from served_rig import read_bytes, servolve
 
 from controller import load_rig
-from deploy.log import read_log
-from deploy.replay import replay
+from deploy.logs.log import read_log
+from deploy.logs.replay import replay
 
 RIG = load_rig("lamp-xc330")
 TRIES = 8

@@ -12,9 +12,9 @@ from served_rig import serve
 
 from controller import load_rig
 from controller.rig_file import rig_names
+from deploy.buses.lockstep_port import LockstepPort
+from deploy.buses.open_bus import open_bus
 from deploy.checks import check_servos
-from deploy.lockstep_port import LockstepPort
-from deploy.open_bus import open_bus
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

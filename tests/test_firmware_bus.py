@@ -12,8 +12,8 @@ from two_masters import HostBus, HostPort, Line
 
 from controller import load_rig, registers
 from controller.register import decode_register, encode_register
-from deploy.dynamixel_bus import DynamixelBus
-from deploy.feetech_bus import FeetechBus
+from deploy.buses.dynamixel_bus import DynamixelBus
+from deploy.buses.feetech_bus import FeetechBus
 from deploy.virtual import dynamixel2 as dxl
 from deploy.virtual import protocol1 as p1
 

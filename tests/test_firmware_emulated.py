@@ -4,9 +4,9 @@ import pytest
 from firmware_runs import XC330, firmware_run, host_run, image
 from rig_bench import torque_read_back
 
-from deploy.compare import compare
 from deploy.firmware.qemu import Qemu
-from deploy.replay import replay
+from deploy.logs.compare import compare
+from deploy.logs.replay import replay
 from deploy.states import State
 
 

@@ -6,7 +6,7 @@ import pytest
 from firmware_runs import STS3215, XC330, firmware_run, host_run
 from rig_bench import torque_read_back
 
-from deploy.replay import replay
+from deploy.logs.replay import replay
 from deploy.states import State
 
 TASKS = pytest.mark.parametrize("task", [XC330, STS3215], ids=lambda task: task.rig.name)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from runtime_shim import Runtime
 
 from controller import load_rig
-from deploy.sensor_reader import SensorReader, checksum
+from deploy.buses.sensor_reader import SensorReader, checksum
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.rig import VirtualRig
 

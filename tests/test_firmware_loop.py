@@ -7,9 +7,9 @@ from firmware_runs import STS3215, XC330, firmware_run, host_run, image
 from rig_bench import torque_read_back
 
 from controller.registers import registers
-from deploy.compare import compare
 from deploy.firmware.twin import TwinProcess
-from deploy.replay import replay
+from deploy.logs.compare import compare
+from deploy.logs.replay import replay
 from deploy.states import State
 
 TASKS = pytest.mark.parametrize("task", [XC330, STS3215], ids=lambda task: task.rig.name)

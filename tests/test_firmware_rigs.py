@@ -8,7 +8,7 @@ from rig_bench import torque_read_back
 
 from controller import load_rig, parse_controller
 from controller.rig_file import parse_rig
-from deploy.replay import replay
+from deploy.logs.replay import replay
 from deploy.states import State
 from firmware_gen.projects.joint_config import servo_kinds
 

@@ -13,7 +13,7 @@ from firmware_runs import GOLDEN, STS3215, XC330, firmware_run
 
 from deploy.firmware.console_decoder import checked, crc16
 from deploy.firmware.dump import dumped_runs
-from deploy.log import read_log
+from deploy.logs.log import read_log
 from firmware_gen.projects.board import load_board
 from servolve.cli import main
 

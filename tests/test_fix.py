@@ -9,11 +9,11 @@ from controller.errors import InputError, RunError
 from controller.families import family_of
 from controller.products import PRODUCTS
 from controller.registers import registers
+from deploy.buses.lockstep_port import LockstepPort
+from deploy.buses.open_bus import open_bus
 from deploy.checks import check_servos
-from deploy.fix import apply_fixes, find_baud, read_backup, restoring
-from deploy.lockstep_port import LockstepPort
-from deploy.open_bus import open_bus
-from deploy.servo_backup import ServoBackup, load_backup, save_backup
+from deploy.commissioning.fix import apply_fixes, find_baud, read_backup, restoring
+from deploy.commissioning.servo_backup import ServoBackup, load_backup, save_backup
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

@@ -8,6 +8,7 @@ import random
 import time
 
 import pytest
+from deploy.connection import connect_virtual
 from lamp_controllers import SWAY
 from manual import scs_text
 
@@ -15,10 +16,9 @@ from controller.controller_file import load_controller, parse_controller
 from controller.errors import InputError, RunError
 from controller.registers import registers
 from controller.rig_file import load_rig, parse_rig
-from deploy.connection import connect_virtual
-from deploy.lerobot import read_calibration
-from deploy.log import read_log
-from deploy.sensor_reader import SensorReader, checksum
+from deploy.buses.sensor_reader import SensorReader, checksum
+from deploy.commissioning.lerobot import read_calibration
+from deploy.logs.log import read_log
 from deploy.virtual import dynamixel2, protocol1
 from deploy.virtual.control_channel import answer_request
 from deploy.virtual.eeprom_file import load_eeprom

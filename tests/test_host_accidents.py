@@ -6,15 +6,15 @@ import os
 import select
 
 import pytest
+from deploy.connection import connect_virtual
 from rich.console import Console
 from rig_bench import RIG, Bench, sway
 
 from controller import registers
 from controller.errors import InputError, RunError
-from deploy.connection import connect_virtual
+from deploy.buses.sensor_reader import checksum
 from deploy.host_loop import RunOptions, run_controller
-from deploy.log import RunLog
-from deploy.sensor_reader import checksum
+from deploy.logs.log import RunLog
 from deploy.states import State
 from servolve.announcer import Announcer
 
@@ -54,7 +54,7 @@ def test_an_unforeseen_exception_switches_torque_off_on_its_way_up(bench, monkey
     def burst(*_):
         raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr("deploy.cycle_message.CycleWords.message", burst)
+    monkeypatch.setattr("deploy.logs.cycle_message.CycleWords.message", burst)
     with pytest.raises(ZeroDivisionError):
         on.run()
     assert on.torque() == [0, 0, 0]

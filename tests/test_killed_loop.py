@@ -15,7 +15,7 @@ import pytest
 
 from controller import load_rig
 from controller.terminals import joint_scale
-from deploy.log import read_log
+from deploy.logs.log import read_log
 from deploy.virtual.rig import VirtualRig
 
 RIGS = {name: load_rig(name) for name in ("lamp-xl430", "lamp-sts3215")}

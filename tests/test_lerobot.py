@@ -5,7 +5,7 @@ import json
 import pytest
 
 from controller.errors import InputError
-from deploy.lerobot import MotorCalibration, calibration_text, read_calibration
+from deploy.commissioning.lerobot import MotorCalibration, calibration_text, read_calibration
 
 # two motors of an SO-101 follower, as published with a LeRobot data set
 ARM = {

@@ -10,9 +10,9 @@ from lamp_controllers import OUTPUTS
 from mcap.reader import make_reader
 
 from controller.errors import InputError
-from deploy.log import RunLog, read_log
-from deploy.log_topics import TOPICS
-from deploy.replay import replay
+from deploy.logs.log import RunLog, read_log
+from deploy.logs.log_topics import TOPICS
+from deploy.logs.replay import replay
 from servolve.cli import main
 
 CONTROLLER = """

@@ -14,10 +14,10 @@ import pytest
 from served_rig import serve, servolve
 
 from controller import load_rig
+from deploy.buses.lockstep_port import LockstepPort
+from deploy.buses.open_bus import open_bus
 from deploy.clock import LockstepClock
-from deploy.lockstep_port import LockstepPort
-from deploy.monitor import watch
-from deploy.open_bus import open_bus
+from deploy.commissioning.monitor import watch
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scripted_port import ScriptedPort, replies
 
-from deploy.dynamixel1_bus import Dynamixel1Bus
-from deploy.feetech_bus import FeetechBus
-from deploy.open_bus import open_bus
+from deploy.buses.dynamixel1_bus import Dynamixel1Bus
+from deploy.buses.feetech_bus import FeetechBus
+from deploy.buses.open_bus import open_bus
 
 scripted = scripted_port.scripted
 
@@ -265,7 +265,10 @@ def test_the_other_package_of_the_sdks_name_is_told_in_one_sentence(tmp_path):
     (fake / "protocol_packet_handler.py").write_text(
         "class protocol_packet_handler:\n    def __init__(self, portHandler, protocol_end):\n        pass\n"
     )
-    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\nimport deploy.feetech_bus as bus\nbus.packet_handler()"
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "import deploy.buses.feetech_bus as bus\nbus.packet_handler()"
+    )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "InputError: the package ftservo-python-sdk stands where feetech-servo-sdk should" in result.stderr
     assert "pip uninstall ftservo-python-sdk" in result.stderr

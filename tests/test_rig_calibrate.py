@@ -14,12 +14,12 @@ from served_rig import serve
 from controller import load_rig
 from controller.errors import InputError, RunError
 from controller.registers import registers
-from deploy.calibration import Travel, begin_travel, calibrate_joint
+from deploy.buses.lockstep_port import LockstepPort
+from deploy.buses.open_bus import open_bus
 from deploy.clock import LockstepClock
-from deploy.lockstep_port import LockstepPort
-from deploy.open_bus import open_bus
-from deploy.range_recorder import read_counts, record_travel
-from deploy.servo_backup import load_backup
+from deploy.commissioning.calibration import Travel, begin_travel, calibrate_joint
+from deploy.commissioning.range_recorder import read_counts, record_travel
+from deploy.commissioning.servo_backup import load_backup
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

@@ -10,8 +10,8 @@ from served_rig import servolve
 
 from controller import load_rig
 from controller.registers import registers
-from deploy.open_bus import open_bus
-from deploy.port import SerialPort
+from deploy.buses.open_bus import open_bus
+from deploy.buses.port import SerialPort
 from servolve.cli import main
 
 RIG = load_rig("lamp-xc330")

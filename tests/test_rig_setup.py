@@ -16,9 +16,9 @@ from controller.families import family_of
 from controller.products import PRODUCTS
 from controller.registers import registers
 from controller.rig_file import parse_rig
-from deploy.lockstep_port import LockstepPort
-from deploy.open_bus import open_bus
-from deploy.servo_setup import Place, changes, find_servo, move_servo, require_free
+from deploy.buses.lockstep_port import LockstepPort
+from deploy.buses.open_bus import open_bus
+from deploy.commissioning.servo_setup import Place, changes, find_servo, move_servo, require_free
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

@@ -8,11 +8,11 @@ from served_rig import serve
 
 from controller import load_rig
 from controller.errors import InputError
-from deploy.dynamixel_bus import DynamixelBus
-from deploy.lockstep_port import LockstepPort
-from deploy.pings import broadcast_ping, ping_each
-from deploy.port import SerialPort
-from deploy.scan import found_servos, scan, scan_steps
+from deploy.buses.dynamixel_bus import DynamixelBus
+from deploy.buses.lockstep_port import LockstepPort
+from deploy.buses.pings import broadcast_ping, ping_each
+from deploy.buses.port import SerialPort
+from deploy.commissioning.scan import found_servos, scan, scan_steps
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.pty_line import PtyLine

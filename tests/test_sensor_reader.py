@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controller import load_rig
-from deploy.sensor_reader import LINE_BYTES_MAX, LineSplitter, SensorReader, checksum, parse_line
+from deploy.buses.sensor_reader import LINE_BYTES_MAX, LineSplitter, SensorReader, checksum, parse_line
 
 RIG = load_rig("lamp-xc330")
 FORCE = next(number for number, sensor in enumerate(RIG.sensors) if sensor.name == "force")

@@ -7,7 +7,7 @@ import json
 import pytest
 from PIL import Image
 
-from deploy.log import read_log
+from deploy.logs.log import read_log
 from deploy.virtual.twin import load_twin
 from servolve.cli import main
 

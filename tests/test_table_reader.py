@@ -4,11 +4,11 @@ import pytest
 
 from controller import load_rig
 from controller.registers import registers
-from deploy.dynamixel_bus import DynamixelBus
-from deploy.lockstep_port import LockstepPort
-from deploy.open_bus import open_bus
-from deploy.servo_bus import BusError, Reply
-from deploy.table_reader import read_table
+from deploy.buses.dynamixel_bus import DynamixelBus
+from deploy.buses.lockstep_port import LockstepPort
+from deploy.buses.open_bus import open_bus
+from deploy.buses.servo_bus import BusError, Reply
+from deploy.buses.table_reader import read_table
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.lockstep import LockstepBench
 from deploy.virtual.rig import VirtualRig

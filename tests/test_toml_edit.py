@@ -7,7 +7,7 @@ import pytest
 from controller import load_rig
 from controller.errors import InputError
 from controller.rig_file import rig_names
-from deploy.toml_edit import set_values
+from deploy.commissioning.toml_edit import set_values
 
 TEXT = """# a rig
 [rig]

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from controller.errors import RunError
-from deploy.usb_latency import shorten_timer, slow_timer
+from deploy.buses.usb_latency import shorten_timer, slow_timer
 
 
 @pytest.fixture

@@ -1,8 +1,8 @@
 """Firmware on the virtual rig in lock step: the rig owns time, and moves only while the firmware waits.
 
-The rules are those of `deploy.virtual.lockstep` and `deploy.lockstep_port`, so that the same packet at the same time
-meets the same rig, whoever sends it. Time is kept in whole nanoseconds; the firmware is told it in whole microseconds
-since it was booted, rounded down.
+The rules are those of `deploy.virtual.lockstep` and `deploy.buses.lockstep_port`, so that the same packet at the same
+time meets the same rig, whoever sends it. Time is kept in whole nanoseconds; the firmware is told it in whole
+microseconds since it was booted, rounded down.
 """
 
 from __future__ import annotations

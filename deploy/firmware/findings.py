@@ -10,11 +10,11 @@ from typing import Final, Literal, cast
 
 from controller.registers import decode_register, registers
 from controller.rig import Joint, Rig
+from deploy.buses.sensor_reader import SensorReader
 from deploy.checks import check_derating, check_sensors, check_watchdogs
 from deploy.finding import Finding
 from deploy.firmware.records import Block, Found
 from deploy.safety import judge_hardware_error
-from deploy.sensor_reader import SensorReader
 from deploy.servo_findings import setting_findings, state_findings
 
 

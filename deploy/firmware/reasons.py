@@ -15,7 +15,8 @@ from typing import Final, Literal
 from controller.registers import registers
 from controller.rig import Joint, Rig
 from controller.terminals import joint_scale
-from deploy.dynamixel_bus import ERROR_NUMBERS
+from deploy.buses.dynamixel_bus import ERROR_NUMBERS
+from deploy.buses.servo_bus import Reply
 from deploy.joint_counts import joint_angle
 from deploy.safety import (
     Watch,
@@ -30,7 +31,6 @@ from deploy.safety import (
     judge_torque,
     judge_tracking,
 )
-from deploy.servo_bus import Reply
 from deploy.torque import unsure_sentence
 
 NOBODY: Final = 255

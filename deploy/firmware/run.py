@@ -8,6 +8,7 @@ from typing import Final, Literal
 
 from controller.controller import Controller
 from controller.errors import RunError
+from deploy.buses.sensor_reader import SensorReader
 from deploy.firmware.bench import FirmwareBench
 from deploy.firmware.commands import commands
 from deploy.firmware.console_decoder import ConsoleDecoder, Text
@@ -16,8 +17,7 @@ from deploy.firmware.reasons import Reason
 from deploy.firmware.records import Change, Cycle, Record
 from deploy.firmware.run_log import RecordLog, shape_of
 from deploy.host_loop import Outcome, RunOptions
-from deploy.log import RunLog
-from deploy.sensor_reader import SensorReader
+from deploy.logs.log import RunLog
 from deploy.states import State
 from deploy.virtual.rig import VirtualRig
 from deploy.witness import Witness

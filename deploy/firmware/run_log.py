@@ -10,14 +10,14 @@ import numpy as np
 
 from controller.controller import Controller
 from controller.rig import Joint, Rig
-from deploy.cycle_message import CycleStep, CycleWords
+from deploy.buses.reading import Reading
+from deploy.buses.servo_bus import Reply
 from deploy.firmware.findings import finding, read_values
 from deploy.firmware.reasons import PLAIN, Reason, Why, sentence, unsure_joints
 from deploy.firmware.records import Block, Change, Cycle, End, Event, Found, Record, Shape, Started
 from deploy.host_loop import Outcome
+from deploy.logs.cycle_message import CycleStep, CycleWords
 from deploy.period import Period, health_fields
-from deploy.reading import Reading
-from deploy.servo_bus import Reply
 from deploy.states import State
 from deploy.torque import unsure_sentence
 

@@ -3,7 +3,7 @@
 // Every transaction is over by a deadline that follows from its bytes' time on the line. What a reply says is kept for
 // each servo by itself; a corrupt packet costs no other servo its reply; a reply that comes late can not pass for the
 // answer to the next question, for that one asks for another length. The same rules, in the same order, as the host
-// loop's bus (deploy/servo_bus.py).
+// loop's bus (deploy/buses/servo_bus.py).
 
 #ifndef SV_BUS_H_
 #define SV_BUS_H_

@@ -1,8 +1,9 @@
 """Talk to Feetech STS and SCS servos through the unmodified `feetech-servo-sdk`, with a fence around its defects.
 
-What version 1.0 does beside `deploy.protocol1_bus`'s list, and what stands instead:
+What version 1.0 does beside `deploy.buses.protocol1_bus`'s list, and what stands instead:
 
-- `clearPort` flushes what is sent and nothing that has come, so a late reply is the next read's value: `deploy.port`.
+- `clearPort` flushes what is sent and nothing that has come, so a late reply is the next read's value: see
+  `deploy.buses.port`.
 - `GroupSyncRead.isAvailable` ignores the last result, so old data look fresh: a `Reply` belongs to one question.
 - The byte order is a global of the module, so STS and SCS can not share a process: no word of the SDK's is used, each
   register knows its order.
@@ -14,8 +15,8 @@ from inspect import signature
 from typing import Any, Literal
 
 from controller.errors import InputError
-from deploy.port import SerialPort
-from deploy.protocol1_bus import Protocol1Bus
+from deploy.buses.port import SerialPort
+from deploy.buses.protocol1_bus import Protocol1Bus
 
 _RX_CORRUPT = -7
 

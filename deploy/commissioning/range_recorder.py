@@ -9,9 +9,9 @@ from controller.errors import RunError
 from controller.families import family_of
 from controller.registers import decode_register, registers
 from controller.rig import Joint
-from deploy.calibration import Travel, begin_travel, extend_travel
+from deploy.buses.servo_bus import ServoBus
 from deploy.clock import Clock
-from deploy.servo_bus import ServoBus
+from deploy.commissioning.calibration import Travel, begin_travel, extend_travel
 
 PERIOD_S: Final = 0.02
 GAP_S_MAX: Final = 0.5

@@ -23,7 +23,7 @@ from mcap.writer import CompressionType, Writer
 from controller.errors import InputError, RunError
 from controller.rig import Rig
 from controller.rig_file import parse_rig
-from deploy.log_topics import FORMAT, TOPICS
+from deploy.logs.log_topics import FORMAT, TOPICS
 
 _FLUSH_S: Final = 1.0
 _CHUNK_BYTES: Final = 1 << 20

@@ -15,11 +15,11 @@ from controller.families import family_of
 from controller.products import Product
 from controller.register import Register, encode_register
 from controller.registers import registers
+from deploy.buses.open_bus import open_protocol
+from deploy.buses.port import PortLostError, SerialPort
+from deploy.buses.servo_bus import BusError, ServoBus
+from deploy.commissioning.scan import Found, found_servos, scan, scan_steps
 from deploy.finding import Fix
-from deploy.open_bus import open_protocol
-from deploy.port import PortLostError, SerialPort
-from deploy.scan import Found, found_servos, scan, scan_steps
-from deploy.servo_bus import BusError, ServoBus
 
 _RETURN_DELAY_S = 508e-6
 """The longest that a servo can be set to wait before it answers [s]."""

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from controller.rig import Rig
-from deploy.comparison import Array, Track
+from deploy.logs.comparison import Array, Track
 
 STEP_S: Final = 0.001
 """Simulation step [s]. Steps count from the log's time 0; what arrives within a step acts from its beginning."""

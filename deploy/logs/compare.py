@@ -18,7 +18,8 @@ import numpy as np
 from controller.errors import InputError
 from controller.rig import Rig
 from controller.rig_file import load_rig, rig_names
-from deploy.comparison import (
+from deploy.joint_counts import joint_angle, joint_count
+from deploy.logs.comparison import (
     Array,
     Comparison,
     LoopTiming,
@@ -27,9 +28,8 @@ from deploy.comparison import (
     count_hops,
     joint_errors,
 )
-from deploy.goal_replay import GoalWrites, SampleTimes, Start, replay_goals, tilt, to_start_frame
-from deploy.joint_counts import joint_angle, joint_count
-from deploy.log import Log, log_rig, log_text, read_log
+from deploy.logs.goal_replay import GoalWrites, SampleTimes, Start, replay_goals, tilt, to_start_frame
+from deploy.logs.log import Log, log_rig, log_text, read_log
 
 _BITS_PER_BYTE: Final = 10
 _SYNC_READ, _SYNC_WRITE = 0x82, 0x83

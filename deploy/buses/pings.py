@@ -13,7 +13,7 @@ from typing import Final
 
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
-from deploy.port import SerialPort
+from deploy.buses.port import SerialPort
 
 _PING: Final = 0x01
 _BROADCAST: Final = 0xFE

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from controller.rig import Rig
-from deploy.port import SerialPort
-from deploy.servo_bus import ServoBus
+from deploy.buses.port import SerialPort
+from deploy.buses.servo_bus import ServoBus
 
 
 def open_bus(port: SerialPort, rig: Rig) -> ServoBus:
@@ -39,13 +39,13 @@ def open_protocol(port: SerialPort, protocol: str, delay_s: float) -> ServoBus:
     """
     # each SDK is imported where it is needed, for nobody needs all of them
     if protocol == "dynamixel-1.0":
-        from deploy.dynamixel1_bus import Dynamixel1Bus
+        from deploy.buses.dynamixel1_bus import Dynamixel1Bus
 
         return Dynamixel1Bus(port, delay_s)
     if protocol.startswith("feetech-"):
-        from deploy.feetech_bus import FeetechBus
+        from deploy.buses.feetech_bus import FeetechBus
 
         return FeetechBus(port, delay_s, "sts" if protocol == "feetech-sts" else "scs")
-    from deploy.dynamixel_bus import DynamixelBus
+    from deploy.buses.dynamixel_bus import DynamixelBus
 
     return DynamixelBus(port, delay_s)

@@ -6,7 +6,7 @@ from typing import Final
 
 from controller.rig import Rig
 from controller.schedule import TransactionKind, period, schedule_of
-from deploy.port import BITS_PER_BYTE
+from deploy.buses.port import BITS_PER_BYTE
 
 # bytes around the parameters of each packet: header, id, length, instruction or error, checksum
 _BYTES: Final = {"dynamixel-2.0": (10, 11, 4), "dynamixel-1.0": (6, 6, 2), "feetech": (6, 6, 2)}

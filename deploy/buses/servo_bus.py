@@ -9,7 +9,7 @@ the SDKs share:
 - Sync read discards the status error: `Reply.error` and `Reply.alert`.
 - `is_using` stays set after an exception, or a send without a reply: it is released on every way out.
 - A late reply answers the next question: see `ServoBus._unlike_late`.
-- They wait busily and by the wall clock: see `deploy.port`.
+- They wait busily and by the wall clock: see `deploy.buses.port`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import ClassVar, Final, Literal
 
 from controller.errors import RunError
 from controller.register import Register, decode_register, encode_register
-from deploy.port import SerialPort
+from deploy.buses.port import SerialPort
 
 LATE_S_MAX: Final = 0.25
 """A reply that has not come by then will not come: longer than any adapter holds bytes back. An estimate."""

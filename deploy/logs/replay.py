@@ -9,8 +9,8 @@ from pathlib import Path
 from controller import Controller, Rig, parse_controller
 from controller.errors import InputError
 from controller.native import pack_cycle
-from deploy.cycle_message import CycleWords
-from deploy.log import Log, log_rig, log_text, read_log
+from deploy.logs.cycle_message import CycleWords
+from deploy.logs.log import Log, log_rig, log_text, read_log
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import serial
 
-from deploy.port import PortLostError, open_serial
-from deploy.port_lock import PortLock
+from deploy.buses.port import PortLostError, open_serial
+from deploy.buses.port_lock import PortLock
 
 BAUD: Final = 115200
 _CHUNK: Final = 65536

@@ -24,7 +24,7 @@ import serial
 from dynamixel_sdk.port_handler import PortHandler
 
 from controller.errors import InputError, RunError
-from deploy.port_lock import PortLock
+from deploy.buses.port_lock import PortLock
 
 Direction: TypeAlias = Literal["tx", "rx", "stray"]
 Tap: TypeAlias = Callable[[Direction, float, bytes], None]

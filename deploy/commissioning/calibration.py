@@ -14,7 +14,7 @@ from typing import Final
 from controller.errors import InputError
 from controller.rig import Joint
 from controller.terminals import joint_scale
-from deploy.lerobot import MotorCalibration
+from deploy.commissioning.lerobot import MotorCalibration
 
 MARGIN_RAD: Final = 0.02
 """How far inside the recorded travel a limit lies: a servo that presses against its stop is overloaded."""

@@ -1,6 +1,6 @@
 """Talk protocol 1 framing, as Dynamixel 1.0 and Feetech servos do, through either vendor's unmodified packet handler.
 
-Both vendors ship the same handler. What it does, and what stands here and in `deploy.servo_bus` instead:
+Both vendors ship the same handler. What it does, and what stands here and in `deploy.buses.servo_bus` instead:
 
 - A reply that is shorter than asked raises IndexError in its `read2ByteTxRx`: the length field decides.
 - A packet of impossible length takes bytes of the next one with it: they are read again.
@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Final, Literal
 
-from deploy.port import SerialPort
-from deploy.servo_bus import Reply, ServoBus
+from deploy.buses.port import SerialPort
+from deploy.buses.servo_bus import Reply, ServoBus
 
 _PING: Final = 0x01
 _SUCCESS: Final = 0

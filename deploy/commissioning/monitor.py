@@ -11,9 +11,9 @@ from typing import Final
 from controller.families import Family, family_of
 from controller.registers import Register, decode_register, registers
 from controller.rig import Joint, Rig
+from deploy.buses.servo_bus import Reply, ServoBus
 from deploy.clock import Clock
 from deploy.joint_counts import joint_angle
-from deploy.servo_bus import Reply, ServoBus
 
 RATE_WINDOW_S: Final = 1.0
 

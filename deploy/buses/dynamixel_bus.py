@@ -1,6 +1,6 @@
 """Talk Dynamixel 2.0 through the unmodified vendor SDK, with a fence around each of its defects.
 
-What SDK 4.1 does, and what stands here and in `deploy.servo_bus` instead:
+What SDK 4.1 does, and what stands here and in `deploy.buses.servo_bus` instead:
 
 - It never stuffs what it sends: `_Protocol2.addStuffing` changes the packet that it was given.
 - It drops a byte when it un-stuffs data with FF FF FD in it: `_Protocol2.removeStuffing` looks at what was received.
@@ -20,8 +20,8 @@ from dynamixel_sdk.robotis_def import COMM_RX_CORRUPT, COMM_SUCCESS
 
 from controller.register import decode_register as decode
 from controller.register import encode_register as encode
-from deploy.port import SerialPort
-from deploy.servo_bus import BusError, Reply, ServoBus
+from deploy.buses.port import SerialPort
+from deploy.buses.servo_bus import BusError, Reply, ServoBus
 
 __all__ = ["ALERT", "ERROR_NUMBERS", "BusError", "DynamixelBus", "Reply", "decode", "encode"]
 

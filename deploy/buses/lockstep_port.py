@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from deploy.port import SerialPort
+from deploy.buses.port import SerialPort
 from deploy.virtual.lockstep import LockstepBench
 
 _LATENCY_S: Final = 0.001

@@ -14,11 +14,11 @@ from controller.families import Family, family_of
 from controller.products import PRODUCTS, Product
 from controller.registers import encode_register, registers
 from controller.rig import Rig
+from deploy.buses.port import BITS_PER_BYTE, PortLostError
+from deploy.buses.servo_bus import BusError, ServoBus
+from deploy.buses.table_reader import read_table
+from deploy.commissioning.servo_backup import ServoBackup
 from deploy.finding import Fix
-from deploy.port import BITS_PER_BYTE, PortLostError
-from deploy.servo_backup import ServoBackup
-from deploy.servo_bus import BusError, ServoBus
-from deploy.table_reader import read_table
 
 
 def find_baud(bus: ServoBus, rig: Rig, servo: int, product: Product) -> int | None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from deploy.log import RunLog
+from deploy.logs.log import RunLog
 from deploy.states import State
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from controller.products import Product
 from controller.registers import Register, decode_register, registers
-from deploy.servo_bus import BusError, ServoBus
+from deploy.buses.servo_bus import BusError, ServoBus
 
 _ATTEMPTS = 3
 _BLOCK_BYTES_MAX = 64

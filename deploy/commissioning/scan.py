@@ -16,10 +16,10 @@ from controller.errors import InputError
 from controller.families import FAMILIES, family_of
 from controller.products import PRODUCTS, Product
 from controller.registers import decode_register, registers
-from deploy.pings import broadcast_ping, ping_each
-from deploy.port import SerialPort
-from deploy.servo_bus import BusError, ServoBus
-from deploy.table_reader import read_table
+from deploy.buses.pings import broadcast_ping, ping_each
+from deploy.buses.port import SerialPort
+from deploy.buses.servo_bus import BusError, ServoBus
+from deploy.buses.table_reader import read_table
 
 Framing: TypeAlias = Literal["dynamixel-2.0", "protocol-1"]
 """What servos must share to be asked together: Dynamixel 1.0 and Feetech ask for an answer with the same packet."""
@@ -186,8 +186,8 @@ def _eagerness(baud: int) -> int:
 
 
 def _bus(framing: Framing, port: SerialPort) -> ServoBus:
-    from deploy.dynamixel1_bus import Dynamixel1Bus
-    from deploy.dynamixel_bus import DynamixelBus
+    from deploy.buses.dynamixel1_bus import Dynamixel1Bus
+    from deploy.buses.dynamixel_bus import DynamixelBus
 
     # a Feetech servo's reads are Dynamixel 1.0's
     return (DynamixelBus if framing == "dynamixel-2.0" else Dynamixel1Bus)(port, _RETURN_DELAY_S)

@@ -1,4 +1,4 @@
-"""Talk Dynamixel 1.0, as AX servos do, through the unmodified vendor SDK; its defects are `deploy.protocol1_bus`'s."""
+"""Talk Dynamixel 1.0, as AX servos do, through the unmodified vendor SDK; see `deploy.buses.protocol1_bus`."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Final
 from dynamixel_sdk.protocol1_packet_handler import Protocol1PacketHandler
 from dynamixel_sdk.robotis_def import COMM_RX_CORRUPT
 
-from deploy.port import SerialPort
-from deploy.protocol1_bus import Protocol1Bus
+from deploy.buses.port import SerialPort
+from deploy.buses.protocol1_bus import Protocol1Bus
 
 _ALERTS: Final = 0x25  # voltage, heat, overload
 

@@ -1,0 +1,1 @@
+"""What gets a rig ready: find its servos, set them up, calibrate, watch, and undo."""
