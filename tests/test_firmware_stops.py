@@ -65,6 +65,17 @@ def test_a_stop_takes_the_torque_that_a_finished_run_has_left_on(session):
     assert session.torque() == [0, 0, 0]
 
 
+@pytest.mark.parametrize("stopped", ["after", "meanwhile"])
+def test_a_stop_takes_the_torque_that_a_dry_run_has_found_on(session, stopped):
+    session.type("seconds 0.5", "arm", "start", seconds=3.0)
+    assert session.torque() == [1, 1, 1]
+    session.type("start", seconds=0.1 if stopped == "meanwhile" else 3.0)
+    assert (b"ended by 6" in session.said) == (stopped == "after"), "a dry run"
+    assert session.torque() == [1, 1, 1]
+    session.type("stop", seconds=1.0)
+    assert session.torque() == [0, 0, 0]
+
+
 def test_a_stop_that_comes_with_its_start_stops(session):
     session.type("arm", "start", "stop", seconds=3.0)
     assert b"ended by 16" in session.said, "a person's wish"

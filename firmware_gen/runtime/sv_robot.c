@@ -114,6 +114,7 @@ static void sv_leave(sv_robot* robot, int32_t touched) {
     sv_enter_after(robot, SV_STATE_STOPPING);
   }
   if (touched) {
+    robot->holding = 0;
     unsure = sv_unload(robot);
   }
   if (unsure != 0U && !sv_is_fault(robot)) {
@@ -150,7 +151,6 @@ void sv_robot_poll(sv_robot* robot) {
     sv_hal_wait(sv_hal_now_us() + SV_IDLE_US);
     return;
   }
-  robot->holding = 0;
   sv_begin_run(robot);
   sv_leave(robot, sv_go(robot));
   robot->wish.arm = 0;

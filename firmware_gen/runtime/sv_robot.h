@@ -58,7 +58,7 @@ typedef struct {
   uint8_t state;    // sv_state
   uint8_t closed;   // whether the start input was active when last looked at
   uint8_t pressed;  // whether it was when it had last been steady
-  uint8_t holding;  // whether the last run has left torque on: a stop takes it
+  uint8_t holding;  // whether a run has left torque on and none has taken it since: a stop does
   uint8_t ncommand;
   uint32_t turned_us;  // when `closed` last changed
   sv_wish wish;
