@@ -15,8 +15,6 @@ from pathlib import Path
 
 import pytest
 import runs
-from deploy.connection import connect_ports, connect_virtual
-from deploy.joint_counts import joint_angle, joint_count
 from interrupts import SIGNALS, Interrupts
 from lab_report import LabReport, Measurement
 from unplugging import unplug_virtual, unplugger
@@ -28,6 +26,8 @@ from controller.rig import Joint
 from deploy.buses.servo_bus import ServoBus
 from deploy.checks import check_servos
 from deploy.clock import Clock
+from deploy.connection import connect_ports, connect_virtual
+from deploy.joint_counts import joint_angle, joint_count
 from deploy.period import Connection
 from deploy.torque import release, seed_goals, torque_on, write_settings
 from firmware_gen.projects.rig_config import require_speakable

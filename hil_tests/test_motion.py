@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from deploy.joint_counts import count_limits, joint_angle, joint_count
 
+from deploy.joint_counts import count_limits, joint_angle, joint_count
 from deploy.logs.comparison import joint_errors
 from deploy.logs.goal_replay import GoalWrites, SampleTimes, Start, replay_goals
 from deploy.rig_io import RigIO

@@ -61,7 +61,6 @@ def ours(port: str, seconds: float) -> dict[str, Any]:
         of all its bytes; `cpu`: share of a core; `in_time`: share of the periods that were done in time
     """
     from deploy.connection import connect_ports
-
     from deploy.host_loop import RunOptions, run_controller
     from deploy.logs.log import RunLog, read_log
     from deploy.logs.log_topics import FORMAT

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Final
 
 from cyclopts import Parameter
-from deploy.connection import connect_ports, connect_virtual
 from rich.console import Console
 
 from controller import Controller, Rig, load_controller, load_rig
@@ -17,6 +16,7 @@ from controller.errors import InputError
 from controller.native import pack_cycle
 from controller.rig_file import rig_names
 from deploy.checks import check_controller
+from deploy.connection import connect_ports, connect_virtual
 from deploy.drivable import require_drivable
 from deploy.host_loop import RunOptions, run_controller
 from deploy.logs.log import RunLog

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from deploy.joint_counts import count_limits
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -36,6 +35,7 @@ from deploy.commissioning.calibration import (
 from deploy.commissioning.lerobot import MotorCalibration, calibration_text, read_calibration
 from deploy.commissioning.range_recorder import read_counts, record_travel
 from deploy.commissioning.toml_edit import set_values
+from deploy.joint_counts import count_limits
 from deploy.stop_request import StopRequest
 from deploy.torque import release, unsure_sentence
 from servolve.rehome import Pose, centred, rehome

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from deploy.connection import connect_virtual
-
 from controller import Controller, controller_text, load_controller, load_rig
 from controller.rig import Rig
+from deploy.connection import connect_virtual
 from deploy.firmware.twin import TwinProcess
 from deploy.host_loop import Outcome, RunOptions, run_controller
 from deploy.logs.log import Log, RunLog, read_log

@@ -8,11 +8,11 @@ import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from deploy.joint_counts import count_limits, goal_limits, joint_angle
 from rig_bench import INPUTS, Bench, sway
 
 from controller import load_rig, parse_controller
 from deploy.host_loop import State
+from deploy.joint_counts import count_limits, goal_limits, joint_angle
 from deploy.virtual.faults import parse_fault
 
 PAGE = Path(__file__).parent.parent / "docs" / "reliability.md"

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import dynamixel_sdk
 import scservo_sdk
-from deploy.connection import connect_virtual
 
 from controller import controller_text, load_rig, parse_controller, registers
 from deploy.buses.lockstep_port import LockstepPort
+from deploy.connection import connect_virtual
 from deploy.host_loop import RunOptions, run_controller
 from deploy.logs.log import RunLog, read_log
 from deploy.virtual.faults import parse_fault

@@ -3,7 +3,6 @@
 import pytest
 import scripted_port
 from damage import damaged, damages
-from deploy.connection import connect_virtual
 from dynamixel_sdk import GroupSyncRead, PacketHandler
 from dynamixel_sdk.port_handler import PortHandler
 from dynamixel_sdk.robotis_def import COMM_PORT_BUSY, COMM_RX_TIMEOUT, COMM_SUCCESS
@@ -16,6 +15,7 @@ from controller.errors import InputError
 from deploy.buses.dynamixel_bus import BusError, DynamixelBus, decode, encode
 from deploy.buses.port import PortLostError, SerialPort
 from deploy.buses.port_lock import PortLock
+from deploy.connection import connect_virtual
 from deploy.virtual import dynamixel2 as dxl
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.pty_line import PtyLine

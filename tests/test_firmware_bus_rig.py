@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 import runtime_shim
-from deploy.connection import connect_virtual
 from runtime_shim import Bus
 from two_masters import HostBus
 
 from controller import load_rig, registers
 from controller.families import FAMILIES
 from deploy.buses.servo_bus import BusError
+from deploy.connection import connect_virtual
 from deploy.virtual import dynamixel2 as dxl
 from deploy.virtual.faults import parse_fault
 from deploy.virtual.rig import VirtualRig

@@ -6,7 +6,6 @@ from ctypes import c_uint32
 from dataclasses import replace
 
 import pytest
-from deploy.joint_counts import joint_angle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rig_bench import sway
@@ -18,6 +17,7 @@ from controller.needed_sensors import needed_sensors
 from controller.terminals import joint_scale
 from deploy import safety
 from deploy.buses.servo_bus import Reply
+from deploy.joint_counts import joint_angle
 
 RIGS = {
     "lamp-xc330": sway(),

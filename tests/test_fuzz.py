@@ -8,7 +8,6 @@ import random
 import time
 
 import pytest
-from deploy.connection import connect_virtual
 from lamp_controllers import SWAY
 from manual import scs_text
 
@@ -18,6 +17,7 @@ from controller.registers import registers
 from controller.rig_file import load_rig, parse_rig
 from deploy.buses.sensor_reader import SensorReader, checksum
 from deploy.commissioning.lerobot import read_calibration
+from deploy.connection import connect_virtual
 from deploy.logs.log import read_log
 from deploy.virtual import dynamixel2, protocol1
 from deploy.virtual.control_channel import answer_request

@@ -6,13 +6,13 @@ import os
 import select
 
 import pytest
-from deploy.connection import connect_virtual
 from rich.console import Console
 from rig_bench import RIG, Bench, sway
 
 from controller import registers
 from controller.errors import InputError, RunError
 from deploy.buses.sensor_reader import checksum
+from deploy.connection import connect_virtual
 from deploy.host_loop import RunOptions, run_controller
 from deploy.logs.log import RunLog
 from deploy.states import State

@@ -5,13 +5,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from deploy.joint_counts import count_limits, joint_count, joint_speed
 from rig_bench import Bench
 
 from controller import load_rig, parse_controller, registers
 from controller.products import PRODUCTS
 from deploy.checks import check_derating
 from deploy.host_loop import State
+from deploy.joint_counts import count_limits, joint_count, joint_speed
 
 RIGS = {name: load_rig(name) for name in ("lamp-xc330", "lamp-xl430", "lamp-sts3215", "lamp-ax12", "jumper-xc330")}
 LAMPS = ("lamp-xl430", "lamp-sts3215", "lamp-ax12")

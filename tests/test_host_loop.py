@@ -5,11 +5,11 @@ import math
 from dataclasses import replace
 
 import pytest
-from deploy.joint_counts import count_limits, joint_count
 from rig_bench import RIG, Bench, sway
 
 from controller import controller_text, parse_controller, registers
 from deploy.host_loop import RunOptions
+from deploy.joint_counts import count_limits, joint_count
 from deploy.logs.summary import summary
 from deploy.states import WAYS, State, StateMachine
 from deploy.torque import hold

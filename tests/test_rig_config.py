@@ -7,7 +7,6 @@ import subprocess
 from dataclasses import replace
 
 import pytest
-from deploy.joint_counts import goal_limits, joint_angle, joint_count, joint_speed, speed_count
 from rig_in_c import rig_in_c
 
 from controller import load_rig, parse_controller, registers
@@ -21,6 +20,7 @@ from controller.register import decode_register, encode_register
 from controller.rig_file import rig_names
 from controller.schedule import schedule_of
 from deploy import checks
+from deploy.joint_counts import goal_limits, joint_angle, joint_count, joint_speed, speed_count
 from deploy.safety import judge_hardware_error
 from deploy.servo_findings import setting_findings, state_findings
 from deploy.torque import settings_in_ram
