@@ -132,7 +132,7 @@ def run_controller(
             home(periods)
             _run(periods, machine, controller, cycle, options, outcome)
         else:
-            outcome.reason = "every check passed; nothing was written, for the run was not armed"
+            outcome.reason = "every check passed; nothing was written: give --arm (on the console: arm)"
             outcome.done = True
     except StopRunError as stop:
         record.hold_back()

@@ -73,4 +73,4 @@ def test_without_arm_a_served_rig_is_only_read(name, tmp_path, capfd):
         process.kill()
     assert status == 0, error
     assert [(row[0], row[-2:]) for row in rows(error)] == [(joint, ["off", "none"]) for joint in ("a0", "a1", "a2")]
-    assert re.search(r"every check passed; nothing was written, for --arm\s+was not given", error)
+    assert re.search(r"every check passed; nothing was written: give\s+--arm", error)

@@ -173,7 +173,9 @@ def test_a_recorded_dry_run_says_once_how_it_ended(capsys, tmp_path):
     path = tmp_path / "console.bin"
     path.write_bytes(firmware_run(tmp_path / "dry.mcap", XC330, seconds=1.0, arm=False).console)
     assert main(["log", str(path), "--controller", LAMP, "--out", str(tmp_path / "board.mcap")]) == 0
-    assert capsys.readouterr().err.count("every check passed; nothing was written, for the run was not armed") == 1
+    assert (
+        capsys.readouterr().err.count("every check passed; nothing was written: give --arm (on the console: arm)") == 1
+    )
 
 
 def test_a_recording_without_its_boot_is_not_known_to_be_of_this_firmware(capsys, tmp_path, recorded):

@@ -92,7 +92,7 @@ PLAIN: Final[Mapping[int, str]] = MappingProxyType(
         Reason.TORQUE_ON: "torque is on",
         Reason.RESTED: "at rest in neutral, sensors are fresh",
         Reason.TIME: "the time is over",
-        Reason.DRY_RUN: "every check passed; nothing was written, for the run was not armed",
+        Reason.DRY_RUN: "every check passed; nothing was written: give --arm (on the console: arm)",
         Reason.RELEASED: "torque is off on every servo, as read back",
         Reason.STOP_COMMAND: "stopped: the console was told to stop",
         Reason.STOP_INPUT: "stopped: the stop input is active",
