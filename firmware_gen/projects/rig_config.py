@@ -27,15 +27,6 @@ SENSOR_BAUD: Final = 115_200
 JOINT_MAX: Final = 16
 SENSOR_MAX: Final = 16
 
-_KINDS: Final = (
-    "SV_TERMINAL_TIME",
-    "SV_TERMINAL_RAW",
-    "SV_TERMINAL_GOAL_DIST",
-    "SV_TERMINAL_PX",
-    "SV_TERMINAL_PY",
-    "SV_TERMINAL_GOAL_MET",
-    "SV_TERMINAL_HEADING_ERROR",
-)
 _PATIENCE_US: Final = 1000
 _REST_S_MAX: Final = 10.0
 _WATCHDOG_UNIT_S: Final = 0.02
@@ -310,4 +301,4 @@ def _guard(output: OutputSpec) -> str:
 
 
 def _terminal(spec: TerminalSpec) -> str:
-    return f"{{{_KINDS[spec.kind]}, {spec.channel}, {spec.zero}, {float_c(spec.scale)}}}"
+    return f"{{SV_TERMINAL_{spec.kind.name}, {spec.channel}, {spec.zero}, {float_c(spec.scale)}}}"
